@@ -14,8 +14,8 @@ from matplotlib.figure import Figure as Drawing
 from PIL import Image
 
 import truearm as ta
-from truearm.drawings.arm_drawing import arm_figure, project
-from truearm.drawings.arm_scene import joint_frames
+from truearm.pages.drawings.arm_drawing import arm_figure, project
+from truearm.pages.drawings.arm_scene import joint_frames
 from truearm.pages.html import write_page
 from truearm.pages.page import Page
 from truearm.pages.plotting import Figure, figure_style

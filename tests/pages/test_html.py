@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from html_outline import HOSTILE, Outline
-from truearm.drawings import error_figures as figures
-from truearm.drawings import joint_figures
-from truearm.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
+from truearm.pages.drawings import error_figures as figures
+from truearm.pages.drawings import joint_figures
+from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.html import paragraphs, render, with_places, write_page
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.plotting import styles_of

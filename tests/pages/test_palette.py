@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_html import made_up_page
 
-from truearm.drawings.workspace_figures import error_in_workspace, workspace
+from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.html import render
 from truearm.pages.page import Page
 from truearm.pages.palette import PALETTE, channels, filtered, style_rules, with_variables

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import truearm.pages
-from truearm.drawings.workspace_figures import workspace
 from truearm.errors import InputError
+from truearm.pages.drawings.workspace_figures import workspace
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
 from truearm.pages.scene import MOST_POINTS, Mechanism, PointCloud, PointColumn, Scene, scene_script, thinned

@@ -111,7 +111,7 @@ class Record(ABC):
         """The figure that a notebook shows below the text, of the errors that the result has; none by default."""
         if not (errors := self._errors_mm()):
             return None
-        from truearm.drawings.error_figures import error_distribution
+        from truearm.pages.drawings.error_figures import error_distribution
 
         return error_distribution(errors)
 

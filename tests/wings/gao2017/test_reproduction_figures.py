@@ -8,8 +8,8 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Rectangle
 
 from truearm.arm.rigid_motions import screw_x, screw_z
-from truearm.drawings.arm_drawing import arm_figure, frame_figure, project
 from truearm.nets.perceptron import Perceptron
+from truearm.pages.drawings.arm_drawing import arm_figure, frame_figure, project
 from truearm.pages.plotting import figure_style, svg_element
 from truearm.wings.gao2017.claim_figures import (
     box_figure,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.drawings.readings_scene import arm_at_readings
 from truearm.models.uncertainty import UncertaintyBudget
+from truearm.pages.drawings.readings_scene import arm_at_readings
 from truearm.pages.html import render
 from truearm.readings import Session, compare_errors
 from truearm.wings.reports.comparison_page import ModelComparison, comparison_page, comparison_verdict

@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.choices import Convention
-from truearm.drawings.page_record import input_files
 from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.models.arm_check import check_has_kinematics
+from truearm.pages.drawings.page_record import input_files
 from truearm.readings import check_angles
 from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread

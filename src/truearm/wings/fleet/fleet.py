@@ -19,7 +19,6 @@ from urllib.parse import quote
 from truearm.arm import Arm, load_arm
 from truearm.arm.catalogue import arm_path
 from truearm.choices import ModelName
-from truearm.drawings.page_record import check_page_path, make_folder, version_row
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import MAX_NAME
@@ -29,6 +28,7 @@ from truearm.files.toml_documents import load_toml, reject_control_characters, t
 from truearm.identification.terms.type_prior import kinematics_sha256, read_type_prior
 from truearm.models import Compensator, load_model
 from truearm.models.arm_check import with_serial_number
+from truearm.pages.drawings.page_record import check_page_path, make_folder, version_row
 from truearm.pages.html import write_page
 from truearm.readings import read_session
 from truearm.solve.executors import Executor, Serial, WorkerLost

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Context, Exit, Option, Typer
 
 from truearm.choices import ModelName
-from truearm.drawings.page_record import check_page_path
+from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.options import ARM_HELP, AcceptOption, Force, Json, LengthsFile, SchedulerOption, WorkersOption
 from truearm.verbs.outputs import check_new_output

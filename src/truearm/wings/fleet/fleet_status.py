@@ -14,8 +14,8 @@ from datetime import datetime, timedelta
 from statistics import NormalDist, median
 from typing import TYPE_CHECKING, Any
 
-from truearm.drawings.page_record import PageRecord, version_row
 from truearm.number_format import RoundedNumber
+from truearm.pages.drawings.page_record import PageRecord, version_row
 from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.verbs.sentences import number_of
 from truearm.wings.fleet.arm_list import RegisteredArm

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.drawings.page_record import PageRecord, check_folder, input_files, write_numbers
 from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings
 from truearm.models.compensator import FREE_PARTS
+from truearm.pages.drawings.page_record import PageRecord, check_folder, input_files, write_numbers
 from truearm.readings import Session
 from truearm.verbs.fit import fit
 from truearm.verbs.inputs import ArmLike, SessionLike, to_arm, to_session, within_limits

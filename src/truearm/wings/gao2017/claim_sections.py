@@ -7,7 +7,6 @@ from statistics import median
 
 import numpy as np
 
-from truearm.drawings.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.number_format import (
     format_count,
     format_exact,
@@ -15,6 +14,7 @@ from truearm.number_format import (
     format_mm,
     format_percent,
 )
+from truearm.pages.drawings.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.plotting import Figure, join_phrases
 from truearm.typing import FloatArray

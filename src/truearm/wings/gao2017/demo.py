@@ -20,8 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm import load_arm
-from truearm.drawings.error_figures import before_after
-from truearm.drawings.page_record import check_folder
 from truearm.files.atomic_write import atomic_file
 from truearm.models import (
     Compensator,
@@ -32,6 +30,8 @@ from truearm.models import (
     PhysicalModel,
 )
 from truearm.models.uncertainty import uncertainty_budget
+from truearm.pages.drawings.error_figures import before_after
+from truearm.pages.drawings.page_record import check_folder
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
 from truearm.readings import ErrorComparison, compare_errors

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Option
 
-from truearm.drawings.page_record import check_folder
+from truearm.pages.drawings.page_record import check_folder
 from truearm.verbs.console import print_json, print_line, progress
 from truearm.verbs.options import Json
 

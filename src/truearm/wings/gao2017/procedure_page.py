@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from truearm import __version__
-from truearm.drawings.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.number_format import format_count
+from truearm.pages.drawings.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.plotting import Figure
 from truearm.wings.gao2017.claim_figures import share_figure

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from truearm.drawings.page_record import PageRecord, check_folder, write_numbers
 from truearm.errors import InputError
+from truearm.pages.drawings.page_record import PageRecord, check_folder, write_numbers
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, SessionLike, to_free_parts
 from truearm.verbs.record import TableRecord, TextTable, columns_of

@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.figure import Figure as Drawing
 
 from truearm.arm import load_arm
-from truearm.drawings.arm_drawing import arm_figure, frame_figure
-from truearm.drawings.arm_scene import arm_mechanism
-from truearm.drawings.error_figures import coordinates_by_reading, errors_by_reading
-from truearm.drawings.workspace_figures import error_in_workspace
 from truearm.number_format import format_count, format_in_text
+from truearm.pages.drawings.arm_drawing import arm_figure, frame_figure
+from truearm.pages.drawings.arm_scene import arm_mechanism
+from truearm.pages.drawings.error_figures import coordinates_by_reading, errors_by_reading
+from truearm.pages.drawings.workspace_figures import error_in_workspace
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.palette import PAPER
 from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, set_log_scale

@@ -11,11 +11,11 @@ from zipfile import is_zipfile
 
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.arm import Arm
-from truearm.drawings.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_file
 from truearm.models import Compensator, IdentifiedModel, load_model
 from truearm.models.identified_model import require_identified
+from truearm.pages.drawings.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
 from truearm.solve.threads import one_blas_thread

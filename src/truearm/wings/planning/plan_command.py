@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_args
 import typer
 from typer import Argument, Option
 
-from truearm.drawings.page_record import check_page_path
+from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.options import ARM_HELP, AcceptOption, Force, Json, Seed, numbers_of, refuse_typed
 from truearm.verbs.outputs import check_new_output

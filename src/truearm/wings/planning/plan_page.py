@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.arm import Arm
-from truearm.drawings.arm_scene import arm_mechanism, joint_columns
-from truearm.drawings.joint_figures import joint_ranges
 from truearm.number_format import format_count, format_mm, format_number
 from truearm.pages.cards import Card, CardSet
+from truearm.pages.drawings.arm_scene import arm_mechanism, joint_columns
+from truearm.pages.drawings.joint_figures import joint_ranges
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.pages.palette import INK, LIMIT, NAVY, ORANGE, PAPER
 from truearm.pages.plotting import Figure, figure_style, make_panel, make_view, set_log_scale, styles_of

@@ -8,9 +8,9 @@ import numpy as np
 
 from truearm.arm import Arm, DHTable
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
-from truearm.drawings.arm_drawing import arm_figure
-from truearm.drawings.arm_scene import arm_mechanism, joint_frames
 from truearm.number_format import RoundedNumber, format_count, format_in_text, format_mm, format_number
+from truearm.pages.drawings.arm_drawing import arm_figure
+from truearm.pages.drawings.arm_scene import arm_mechanism, joint_frames
 from truearm.pages.page import Column, Page, PageVerdict, Section, Table
 from truearm.pages.scene import Scene
 from truearm.typing import FloatArray

@@ -14,10 +14,10 @@ from truearm.arm.catalogue import MAKERS, maker_of
 from truearm.arm.couplings import coupling_text
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.choices import Convention
-from truearm.drawings.page_record import PageRecord, version_row
 from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.models.identified_model import require_identified
+from truearm.pages.drawings.page_record import PageRecord, version_row
 from truearm.verbs.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
 from truearm.verbs.record import Record, TextTable, format_fixed
 

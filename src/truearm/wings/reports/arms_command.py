@@ -9,8 +9,8 @@ import typer
 from typer import Argument, Option
 
 from truearm.choices import Convention
-from truearm.drawings.page_record import check_page_path
 from truearm.errors import InputError
+from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs.console import print_line, print_record
 from truearm.verbs.options import ARM_HELP, AcceptOption, Force, Json, free_parts, refuse_typed
 from truearm.verbs.outputs import check_new_output

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from truearm.drawings.page_record import version_row
-from truearm.drawings.readings_scene import arm_at_readings
 from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.models.training_conditions import fingerprint
+from truearm.pages.drawings.page_record import version_row
+from truearm.pages.drawings.readings_scene import arm_at_readings
 from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors, point_errors
 from truearm.typing import FloatArray
 from truearm.verbs.regressors import Regressors, predict_points, regressor_remark

@@ -7,12 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from truearm.drawings.error_figures import before_after, coordinates_by_reading, error_distribution, errors_by_reading
-from truearm.drawings.joint_figures import error_against_joint, joint_ranges
-from truearm.drawings.readings_scene import readings_scene
-from truearm.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.models.uncertainty import UncertaintyBudget
 from truearm.number_format import format_count, format_mm, format_percent, format_uncertainty
+from truearm.pages.drawings.error_figures import (
+    before_after,
+    coordinates_by_reading,
+    error_distribution,
+    errors_by_reading,
+)
+from truearm.pages.drawings.joint_figures import error_against_joint, joint_ranges
+from truearm.pages.drawings.readings_scene import readings_scene
+from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.scene import Mechanism
 from truearm.typing import FloatArray

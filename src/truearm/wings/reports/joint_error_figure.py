@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from truearm.drawings.joint_figures import joint_matrix, joint_names
 from truearm.number_format import format_number
+from truearm.pages.drawings.joint_figures import joint_matrix, joint_names
 from truearm.pages.palette import LIMIT
 from truearm.pages.plotting import (
     Figure,

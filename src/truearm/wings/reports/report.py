@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from truearm.acceptance import acceptance_remarks, accepting, accepts
-from truearm.drawings.page_record import PageRecord, check_page_path, input_files
 from truearm.errors import InputError
 from truearm.models import Compensator
+from truearm.pages.drawings.page_record import PageRecord, check_page_path, input_files
 from truearm.pages.page import Page
 from truearm.readings import Lengths, Session, seat_errors
 from truearm.readings.large_sessions import LargeSession, is_large

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from truearm.drawings.page_record import check_page_path
 from truearm.errors import InputError
 from truearm.pages import FigureFormat
+from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.options import AcceptOption, refuse_typed
 
@@ -39,7 +39,7 @@ def report(
     Of a folder of session files, or a file beyond 512 MB, the page shows an evenly spaced sample of 20000 readings, and
     has the errors of all (docs/large-sessions.md).
     """
-    from truearm.drawings.page_record import make_folder
+    from truearm.pages.drawings.page_record import make_folder
     from truearm.verbs.inputs import is_model_file
     from truearm.wings.reports.report import report as reported
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truearm.drawings.error_figures import before_after, error_distribution
 from truearm.number_format import format_count, format_mm
+from truearm.pages.drawings.error_figures import before_after, error_distribution
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.readings import LengthSummary
 from truearm.typing import FloatArray, NameArray

@@ -9,7 +9,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from truearm.drawings.arm_scene import arm_mechanism
+from truearm.pages.drawings.arm_scene import arm_mechanism
 from truearm.pages.palette import style_rules
 from truearm.pages.scene import data_block, scene_script, script_hash
 from truearm.printable_text import printable

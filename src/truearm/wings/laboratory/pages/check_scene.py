@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from truearm.drawings.readings_scene import arm_at_readings, readings_scene
-from truearm.drawings.workspace_figures import error_in_workspace
 from truearm.models import Compensator
 from truearm.number_format import format_count, format_mm
+from truearm.pages.drawings.readings_scene import arm_at_readings, readings_scene
+from truearm.pages.drawings.workspace_figures import error_in_workspace
 from truearm.pages.page import Section
 from truearm.readings import Lengths, Session
 from truearm.typing import FloatArray

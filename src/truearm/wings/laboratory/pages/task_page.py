@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure as Drawing
 
 from truearm.arm import Arm
-from truearm.drawings.arm_scene import arm_mechanism, joint_columns
-from truearm.drawings.workspace_figures import error_in_workspace
 from truearm.number_format import RoundedNumber, capitalize, format_count, format_mm
+from truearm.pages.drawings.arm_scene import arm_mechanism, joint_columns
+from truearm.pages.drawings.workspace_figures import error_in_workspace
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, make_panel

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from truearm.acceptance import acceptance_remarks, accepts
-from truearm.drawings.page_record import PageRecord, check_page_path
 from truearm.errors import FaultCollector, InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.number_format import capitalize
+from truearm.pages.drawings.page_record import PageRecord, check_page_path
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.outputs import check_output
 from truearm.verbs.record import Record

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepting, accepts
-from truearm.drawings.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.errors import InputError
 from truearm.files.dates import format_date, now, parse_moment
 from truearm.models import Compensator
 from truearm.models.arm_check import with_serial_number
+from truearm.pages.drawings.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.readings import Lengths, Session, check_sessions
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import (

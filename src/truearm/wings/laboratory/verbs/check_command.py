@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from truearm.drawings.page_record import check_page_path
 from truearm.errors import InputError
+from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.options import AcceptOption, Json, LengthsFile, ModelFile, refuse_typed
 from truearm.verbs.outputs import check_output_is_not_input

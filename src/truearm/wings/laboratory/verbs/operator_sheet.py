@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truearm.drawings.page_record import PageRecord, input_files
+from truearm.pages.drawings.page_record import PageRecord, input_files
 from truearm.solve.threads import one_blas_thread
 from truearm.wings.laboratory.standards.artefacts import example_artefacts
 from truearm.wings.laboratory.standards.layout import lay_out_tests

@@ -14,9 +14,9 @@ import numpy.typing as npt
 from truearm.arm import Arm
 from truearm.arm.catalogue import known_name
 from truearm.choices import Conditions
-from truearm.drawings.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.errors import InputError
 from truearm.models import Compensator, load_model
+from truearm.pages.drawings.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, to_arm, to_model_of_tip
 from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed

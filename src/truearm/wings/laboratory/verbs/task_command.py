@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from truearm.drawings.page_record import check_page_path
 from truearm.errors import InputError
+from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.options import ConditionsOption, Json, Seed, numbers_of
 from truearm.wings.laboratory import FeatureKind

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from truearm.acceptance import accepted, accepts
-from truearm.drawings.page_record import PageRecord, version_row
+from truearm.pages.drawings.page_record import PageRecord, version_row
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.wings.laboratory.standards.artefacts import Artefacts, read_artefacts

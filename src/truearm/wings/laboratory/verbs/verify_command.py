@@ -9,8 +9,8 @@ import typer
 from typer import Argument, Option
 from typer.core import TyperGroup
 
-from truearm.drawings.page_record import check_page_path
 from truearm.errors import InputError
+from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.options import AcceptOption, ConditionsOption, Force, Json, ModelFile, refuse_typed
 from truearm.verbs.outputs import check_new_output, check_output_is_not_input

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from truearm.drawings.arm_scene import arm_mechanism, joint_columns
 from truearm.identification.references.tips import tip_names
 from truearm.models import Compensator
 from truearm.models.identified_model import to_identified
+from truearm.pages.drawings.arm_scene import arm_mechanism, joint_columns
 from truearm.pages.plotting import Figure
 from truearm.pages.scene import Mechanism, PointCloud, PointColumn, Scene
 from truearm.readings import Session

@@ -14,7 +14,7 @@ import truearm.pages
 from truearm.arm import Arm, Chain, list_arms
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
 from truearm.command_line import make_app
-from truearm.drawings.arm_scene import arm_mechanism, joint_frames
+from truearm.pages.drawings.arm_scene import arm_mechanism, joint_frames
 from truearm.pages.html import render
 from truearm.wings.reports.arm_page import arm_page
 from truearm.wings.reports.arms import describe_arm

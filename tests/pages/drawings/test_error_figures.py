@@ -10,11 +10,11 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
-from truearm.drawings import error_figures as figures
-from truearm.drawings import joint_figures
-from truearm.drawings.joint_figures import running_median
-from truearm.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.errors import InputError
+from truearm.pages.drawings import error_figures as figures
+from truearm.pages.drawings import joint_figures
+from truearm.pages.drawings.joint_figures import running_median
+from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.plotting import Style, styles_of, svg_element
 
 
