@@ -25,15 +25,7 @@ from truearm.models import KinematicModel, PhysicalModel, load_model
 from truearm.models.compensator import Compensator
 from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.wings.exports.formats import (
-    c_source,
-    constants,
-    es_module,
-    joint_offsets,
-    json_model,
-    onnx_graph,
-    urdf,
-)
+from truearm.wings.exports.formats import c_source, constants, es_module, joint_offsets, json_model, onnx_graph, urdf
 from truearm.wings.exports.formats.reduced_covariance import sample_trained_region
 from truearm.wings.exports.formats.rigid_arm import best_rigid_arm
 from truearm.wings.exports.formats.ur_kinematics import ur_kinematics_text

@@ -60,14 +60,18 @@ def git(*arguments: str) -> str:
 
 
 def code_of(benchmark: str) -> dict[str, str]:
-    """Hash of each room of the source that is loaded (of all, where rows have processes of their own), and its own."""
-    loaded = {name.split(".")[1] for name in sys.modules if name.startswith("truearm.")}
+    """Hash of each room of the source that is loaded (of all, where rows have processes of their own), and its own.
+
+    A wing is a room, and is loaded where more of it is than what says its names.
+    """
+    modules = [name.split(".")[1:] for name in sys.modules if name.startswith("truearm.")]
+    loaded = {inner[0] for inner in modules} | {"/".join(inner[:2]) for inner in modules if len(inner) > 2}
     own_processes = {row.threads for row in import_module(f"benchmarks.{benchmark}").ROWS.values()} != {"as here"}
-    rooms = [
-        room for room in sorted(SOURCE.iterdir()) if room.stem in loaded or (own_processes and room.stem[0] != "_")
-    ]
+    places = sorted({*SOURCE.iterdir(), *(SOURCE / "wings").iterdir()} - {SOURCE / "wings"})
+    named = {path.relative_to(SOURCE).as_posix(): path for path in places if path.stem[0] != "_"}
+    rooms = {name: path for name, path in named.items() if own_processes or name.removesuffix(".py") in loaded}
     own = [file for file in (ROOT / "benchmarks" / f"{benchmark}.py", ROOT / "benchmarks" / benchmark) if file.exists()]
-    return {path.name: hash_of(path) for path in [*rooms, *own]}
+    return {name: hash_of(path) for name, path in (rooms | {path.name: path for path in own}).items()}
 
 
 def hash_of(path: Path) -> str:

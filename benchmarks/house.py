@@ -314,6 +314,7 @@ REFUSALS = ("InputError", "MissingTool", "TruearmError", "ValueError", "error", 
 def refusals() -> RowResult:
     """Places that refuse, by the room they are in, and those of them that a person may override with a reason."""
     found: dict[str, Counter[str]] = defaultdict(Counter)
+    wings = plan()["wings"]
     for name, source in sources(HOUSE).items():
         if name in ("truearm.acceptance", "truearm.errors"):
             continue
@@ -324,7 +325,7 @@ def refusals() -> RowResult:
         for node in calls:
             called = ast.unparse(node.func).rpartition(".")[2]
             if called in REFUSALS and id(node) not in inner:
-                found[name.split(".")[1]][called] += 1
+                found[room_of(name, wings)][called] += 1
     whole = sum(found.values(), Counter[str]())
     rows = [*sorted(found.items()), ("together", whole)]
     table = [{"room": room, "refuse": of.total(), "may be overridden": of["contradict"]} for room, of in rows]

@@ -6,16 +6,7 @@ import datetime
 from dataclasses import replace
 
 from benchmarks.certificates import mistake, right
-from benchmarks.certificates.campaign import (
-    ASME,
-    DAY,
-    ISO,
-    Edits,
-    PointsChange,
-    campaign,
-    file,
-    read_edited,
-)
+from benchmarks.certificates.campaign import ASME, DAY, ISO, Edits, PointsChange, campaign, file, read_edited
 from benchmarks.certificates.copies import both
 from truearm.wings.laboratory.standards.measured_points import read_points
 

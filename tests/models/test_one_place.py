@@ -16,11 +16,7 @@ from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.identify import MAX_SHARE_LEFT, _typical_error
-from truearm.identification.references.cross_validation_groups import (
-    REGIONS,
-    is_in_one_place,
-    joint_space_regions,
-)
+from truearm.identification.references.cross_validation_groups import REGIONS, is_in_one_place, joint_space_regions
 from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms.basis import Constant
 from truearm.models import PhysicalModel

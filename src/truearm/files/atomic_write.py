@@ -1,7 +1,4 @@
-"""Files that appear whole or not at all, on the disk, and that their reader reads.
-
-One program at a time writes a file: an exclusive lock on it, which ends when its handle is closed.
-"""
+"""Files that appear whole or not at all, on the disk, and that their reader reads; a lock for one writer at a time."""
 
 from __future__ import annotations
 

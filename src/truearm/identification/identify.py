@@ -93,9 +93,7 @@ from truearm.identification.judgement.stated_uncertainty import (
 )
 from truearm.identification.judgement.tails import tail_freedom
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
-from truearm.identification.references.reading_references import (
-    without_sizes,
-)
+from truearm.identification.references.reading_references import without_sizes
 from truearm.identification.references.references import Reference
 from truearm.identification.references.session_frames import places_the_frame, session_frame_terms
 from truearm.identification.references.tips import further_tip_terms

@@ -29,9 +29,7 @@ from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.stated_uncertainty import counts_rounding
 from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
-from truearm.identification.references.reading_references import (
-    state_of,
-)
+from truearm.identification.references.reading_references import state_of
 from truearm.identification.references.session_frames import (
     covariances_to_session_frames,
     displacements_to_session_frames,

@@ -11,10 +11,7 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.residual_variance import (
-    HeldOutReadings,
-    VarianceFunction,
-)
+from truearm.identification.estimation.residual_variance import HeldOutReadings, VarianceFunction
 from truearm.identification.identify import Found, Progress, unexplained_at
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings

@@ -14,9 +14,7 @@ from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
-from truearm.identification.estimation.residual_variance import (
-    VarianceFunction,
-)
+from truearm.identification.estimation.residual_variance import VarianceFunction
 from truearm.identification.identify import (
     Found,
     Identification,

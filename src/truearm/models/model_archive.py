@@ -8,8 +8,6 @@ a dataclass gains with a default may be missing; one that it loses or changes is
 its lower triangle (format 2), and a covariance that differs from another on the diagonal alone is its diagonal.
 
 The file does not grow with the number of readings: of residuals it has those of outliers.
-
-JSON that a person reads: what fits a line stands on it.
 """
 
 from __future__ import annotations

@@ -20,12 +20,7 @@ from truearm.identification.terms.kernel import InducedProcess
 from truearm.models.compensator import FREE_PARTS, Compensator
 from truearm.models.hybrid import HybridModel
 from truearm.models.identified_model import IdentifiedModel, KinematicModel, NominalModel, PhysicalModel
-from truearm.models.model_archive import (
-    Array,
-    Header,
-    decode_learned,
-    read_archive,
-)
+from truearm.models.model_archive import Array, Header, decode_learned, read_archive
 from truearm.models.network import NetworkModel
 from truearm.nets.scaling import MinMaxScaler
 from truearm.solve.arrays import add_to_diagonal, cholesky_solver

@@ -27,13 +27,7 @@ from truearm.identification.judgement.paired_comparison import exceeds, group_me
 from truearm.identification.terms import Term
 from truearm.models.compensator import Compensator
 from truearm.models.hybrid import HybridModel
-from truearm.models.identified_model import (
-    IdentifiedModel,
-    KinematicModel,
-    NominalModel,
-    PhysicalModel,
-    to_identified,
-)
+from truearm.models.identified_model import IdentifiedModel, KinematicModel, NominalModel, PhysicalModel, to_identified
 from truearm.models.model_findings import model_findings, training_errors
 from truearm.models.residual_inputs import moves
 from truearm.models.training_conditions import TrainingReadings

@@ -1,8 +1,7 @@
 """The multilayer perceptron: layers of weights, all connected, and activation functions under MATLAB's names.
 
 Derivatives of the functions come from their values, as a network has them at hand.
-
-Start weights by Nguyen and Widrow: the units' active regions spread evenly over the layer's input range.
+Start weights are those of Nguyen and Widrow.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """``trainbr``: Levenberg-Marquardt training with Bayesian regularisation, as MATLAB names it.
 
-Evidence: scales of parameters and of noise, estimated from the data instead of tuned.
-
-With residuals r of precision beta and parameters x of prior precision alpha about zero, the type-II likelihood is
-greatest where
+The scales of parameters and of noise are estimated from the data by evidence. With residuals r of precision beta and
+parameters x of prior precision alpha about zero, the type-II likelihood is greatest where
 
     gamma = sum over i of 1 - alpha [(beta J^T J + alpha I)^-1]_ii,
     alpha = gamma / |x|^2,   beta = (n - gamma) / |r|^2.
@@ -24,14 +22,7 @@ from scipy.linalg.lapack import dtrtri
 
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import DampedOptions, TrainingLog, TrainingRecord, checked_start
-from truearm.solve import (
-    DampingLimit,
-    MinGradient,
-    NormalEquations,
-    OptimizerState,
-    StopReason,
-    levenberg_marquardt,
-)
+from truearm.solve import DampingLimit, MinGradient, NormalEquations, OptimizerState, StopReason, levenberg_marquardt
 from truearm.solve.arrays import Array, add_to_diagonal, to_numpy
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray

@@ -16,13 +16,7 @@ from truearm.files.delimited import MAX_BYTES, Sheet, quoted_cell, read_columns
 from truearm.files.file_reading import check_readable
 from truearm.files.spreadsheet_forms import read_form
 from truearm.files.table_writer import pyarrow_modules, table_writer
-from truearm.readings.columns import (
-    AngleUnit,
-    fields_of_columns,
-    fields_of_frame,
-    recognise_columns,
-    session_columns,
-)
+from truearm.readings.columns import AngleUnit, fields_of_columns, fields_of_frame, recognise_columns, session_columns
 from truearm.readings.readings import NAMED, Readings
 from truearm.typing import NameArray
 

@@ -23,15 +23,8 @@ from truearm.identification.terms.type_prior import TypePrior, read_type_prior
 from truearm.models import MODELS, Compensator, NominalModel
 from truearm.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings, with_serial_number
 from truearm.models.identified_model import IdentifiedModel, to_identified
-from truearm.models.selection import (
-    ModelScore,
-    fit_chosen,
-    on_common_readings,
-    select_model,
-)
-from truearm.readings import (
-    Session,
-)
+from truearm.models.selection import ModelScore, fit_chosen, on_common_readings, select_model
+from truearm.readings import Session
 from truearm.readings.repeats import readings_of_one_pose
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray

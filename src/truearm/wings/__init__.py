@@ -10,22 +10,20 @@ from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
 
-
-def wings() -> list[ModuleType]:
-    """The wings that are here, without what is in them."""
-    return [import_module(f"{__name__}.{info.name}") for info in iter_modules(__path__)]
+# The wings that are here, without what is in them.
+WINGS: list[ModuleType] = [import_module(f"{__name__}.{info.name}") for info in iter_modules(__path__)]
 
 
 def public_names() -> dict[str, tuple[str, ...]]:
     """The public names that wings bring, by the module that defines them."""
-    return {f"{wing.__name__}.{module}": names for wing in wings() for module, names in wing.NAMES.items()}
+    return {f"{wing.__name__}.{module}": names for wing in WINGS for module, names in wing.NAMES.items()}
 
 
 def public_modules() -> dict[str, str]:
     """The modules that are public as they stand, by name."""
-    return {name: f"{wing.__name__}.{name}" for wing in wings() for name in getattr(wing, "MODULES", ())}
+    return {name: f"{wing.__name__}.{name}" for wing in WINGS for name in getattr(wing, "MODULES", ())}
 
 
 def commands() -> dict[str, str]:
     """The commands that wings bring: the word, and the module and function that has it."""
-    return {word: f"{wing.__name__}.{place}" for wing in wings() for word, place in wing.COMMANDS.items()}
+    return {word: f"{wing.__name__}.{place}" for wing in WINGS for word, place in wing.COMMANDS.items()}

@@ -13,11 +13,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.references.orientations import (
-    LEVER_MM,
-    Orientations,
-    orient_flange_coarsely,
-)
+from truearm.identification.references.orientations import LEVER_MM, Orientations, orient_flange_coarsely
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation

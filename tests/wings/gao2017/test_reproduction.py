@@ -19,13 +19,7 @@ from truearm.wings.gao2017.final_test import poses_outside
 from truearm.wings.gao2017.reproduction import GOAL_MET, _reason, arm_pose, reproduce, verdict
 from truearm.wings.gao2017.results import FITTED_BOX, METHODS, TIME_OVER
 from truearm.wings.gao2017.tables import TABLES
-from truearm.wings.gao2017.training import (
-    CURVE_POINTS,
-    TEST_STREAM,
-    TRAINING_STREAM,
-    machine_data,
-    run_training,
-)
+from truearm.wings.gao2017.training import CURVE_POINTS, TEST_STREAM, TRAINING_STREAM, machine_data, run_training
 from truearm.wings.gao2017.training_plan import (
     BOX_FITTING_ROWS,
     FULL_EFFORT,

@@ -15,11 +15,7 @@ import numpy as np
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.estimation.group_scales import is_fast, with_uncertain_scales, without_negligible
-from truearm.identification.estimation.identification_result import (
-    IdentificationResult,
-    ReferenceFit,
-    TermGroupResult,
-)
+from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit, TermGroupResult
 from truearm.identification.estimation.linearisation import (
     UNKNOWN_STD,
     eliminate_unknowns,

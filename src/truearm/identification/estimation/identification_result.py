@@ -1,8 +1,7 @@
 """Result of an identification: terms with covariance, groups with their scales, references with their noise.
 
-An arm whose motions are the same in every pose, as one of constants alone: its derivatives, prepared once.
-
-With its motions composed the arm is a chain without any, and a change of a coefficient is a small motion of that chain,
+The derivatives of an arm whose motions are the same in every pose, as one of constants alone, are prepared once.
+With its motions composed it is a chain without any, and a change of a coefficient is a small motion of that chain,
 the same in every pose. So the derivatives along the sites are those of the chain by its small motions, times a matrix.
 
 Terms that the arm lacks, beside its constants, move tips in part as these do: a translation in the plane of a joint

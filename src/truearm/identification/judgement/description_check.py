@@ -31,11 +31,7 @@ from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mis
 from truearm.arm.nearest_table import nearest_table
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.errors import InputError
-from truearm.identification.judgement.description_fits import (
-    DescriptionFits,
-    fit_descriptions,
-    length_rows,
-)
+from truearm.identification.judgement.description_fits import DescriptionFits, fit_descriptions, length_rows
 from truearm.identification.references.reference_table import ReferenceTable, reference_table
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, TYPICAL_REACH_MM, relative_size
 from truearm.identification.terms.gravity import gravity_torques, uniform_links

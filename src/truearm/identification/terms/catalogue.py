@@ -13,16 +13,7 @@ import numpy as np
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.identification.terms.basis import (
-    AXES,
-    Basis,
-    Column,
-    Constant,
-    Direction,
-    Formula,
-    Harmonics,
-    Temperature,
-)
+from truearm.identification.terms.basis import AXES, Basis, Column, Constant, Direction, Formula, Harmonics, Temperature
 from truearm.identification.terms.expression import Expression
 from truearm.identification.terms.harmonic_orders import bands, determined_orders, orders_name
 from truearm.identification.terms.linear_axis import linear_axis

@@ -1,7 +1,4 @@
-"""Basis functions of torques at the joints: by the arm's own weight, and by a payload.
-
-Terms of a payload: what joints and links turn under its weight.
-"""
+"""Torques at the joints, by the arm's own weight and by a payload: their basis functions, and the payload's terms."""
 
 from __future__ import annotations
 

@@ -13,16 +13,7 @@ from truearm.errors import InputError
 from truearm.number_format import format_count
 from truearm.pages.figures import finite_array, finite_arrays, range_figure
 from truearm.pages.palette import INK, LIMIT
-from truearm.pages.plotting import (
-    Figure,
-    Style,
-    dot_style,
-    figure_style,
-    join_phrases,
-    make_panel,
-    shorten,
-    styles_of,
-)
+from truearm.pages.plotting import Figure, Style, dot_style, figure_style, join_phrases, make_panel, shorten, styles_of
 from truearm.typing import FloatArray
 
 

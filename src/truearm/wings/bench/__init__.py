@@ -3,19 +3,8 @@
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
     "live_server.live": ("live",),
-    "sources": (
-        "Notice",
-        "Sample",
-        "Source",
-        "StandstillRule",
-        "open_source",
-    ),
+    "sources": ("Notice", "Sample", "Source", "StandstillRule", "open_source"),
     "recording.record_readings": ("record",),
-    "recording.sources": (
-        "SourceList",
-        "SourceTrial",
-        "list_sources",
-        "try_source",
-    ),
+    "recording.sources": ("SourceList", "SourceTrial", "list_sources", "try_source"),
 }
 COMMANDS = {"sources": "sources_command:sources", "record": "record_command:record", "live": "live_command:live"}

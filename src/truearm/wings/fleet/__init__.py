@@ -2,10 +2,7 @@
 
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
-    "fleet": (
-        "Fleet",
-        "FleetRun",
-    ),
+    "fleet": ("Fleet", "FleetRun"),
     "fleet_status": ("FleetStatus",),
     "type_prior": ("LearnedTypePrior",),
 }

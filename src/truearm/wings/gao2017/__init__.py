@@ -3,9 +3,6 @@
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
     "carry_out": ("ProcedureResult",),
-    "reproduce": (
-        "ReproductionResult",
-        "reproduce",
-    ),
+    "reproduce": ("ReproductionResult", "reproduce"),
 }
 COMMANDS = {"demo": "demo_command:demo", "reproduce": "reproduce_command:reproduce"}

@@ -10,25 +10,10 @@ from matplotlib.figure import Figure as Drawing
 
 from truearm.number_format import capitalize, format_count, format_exact, format_in_text, format_number
 from truearm.pages.palette import INK, LIMIT, PAPER
-from truearm.pages.plotting import (
-    LEFT_IN,
-    Figure,
-    figure_style,
-    join_phrases,
-    make_panel,
-    set_log_scale,
-    shorten,
-)
+from truearm.pages.plotting import LEFT_IN, Figure, figure_style, join_phrases, make_panel, set_log_scale, shorten
 from truearm.typing import FloatArray
 from truearm.wings.gao2017.experiment_box import BoxRun, ExperimentBoxStudy, crossings
-from truearm.wings.gao2017.results import (
-    GOAL_MET,
-    METHODS,
-    BoxStudy,
-    LearningRate,
-    OutsideErrors,
-    Scatter,
-)
+from truearm.wings.gao2017.results import GOAL_MET, METHODS, BoxStudy, LearningRate, OutsideErrors, Scatter
 from truearm.wings.gao2017.table_figure import PAPER_STYLE, STYLES
 from truearm.wings.gao2017.tables import FINAL_TEST, TABLES
 

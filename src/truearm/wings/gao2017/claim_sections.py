@@ -7,13 +7,7 @@ from statistics import median
 
 import numpy as np
 
-from truearm.number_format import (
-    format_count,
-    format_exact,
-    format_in_text,
-    format_mm,
-    format_percent,
-)
+from truearm.number_format import format_count, format_exact, format_in_text, format_mm, format_percent
 from truearm.pages.drawings.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.plotting import Figure, join_phrases
@@ -38,13 +32,7 @@ from truearm.wings.gao2017.phrases import (
     range_cell,
     with_figure_number,
 )
-from truearm.wings.gao2017.results import (
-    FITTED_BOX,
-    METHODS,
-    FinalTestResult,
-    Reproduction,
-    RowResult,
-)
+from truearm.wings.gao2017.results import FITTED_BOX, METHODS, FinalTestResult, Reproduction, RowResult
 from truearm.wings.gao2017.table_figure import STYLES
 from truearm.wings.gao2017.tables import TABLES, ModelErrors
 

@@ -21,14 +21,7 @@ import numpy.typing as npt
 
 from truearm.arm import load_arm
 from truearm.files.atomic_write import atomic_file
-from truearm.models import (
-    Compensator,
-    HybridModel,
-    KinematicModel,
-    NetworkModel,
-    NominalModel,
-    PhysicalModel,
-)
+from truearm.models import Compensator, HybridModel, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.models.uncertainty import uncertainty_budget
 from truearm.pages.drawings.error_figures import before_after
 from truearm.pages.drawings.page_record import check_folder

@@ -3,10 +3,7 @@
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
     "foreign": ("import_table",),
-    "fetch": (
-        "PublishedReadings",
-        "fetch",
-    ),
+    "fetch": ("PublishedReadings", "fetch"),
 }
 MODULES = ("datasets",)  # public as it stands
 COMMANDS = {"import": "import_command:import_table", "fetch": "fetch_command:fetch"}

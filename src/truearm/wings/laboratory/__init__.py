@@ -9,64 +9,21 @@ MeasuredKind = Literal["length", "sphere", "plane", "circle", "cylinder", "cone"
 
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
-    "signatures.x509_certificates": (
-        "Signer",
-        "read_signer",
-    ),
+    "signatures.x509_certificates": ("Signer", "read_signer"),
     "certificate.administrative_data": ("AdministrativeData",),
-    "standards.artefacts": (
-        "Artefacts",
-        "read_artefacts",
-    ),
-    "standards.measured_points": (
-        "MeasuredPoints",
-        "read_points",
-    ),
-    "standards.specification": (
-        "Specification",
-        "read_specification",
-    ),
-    "standards.verification_plan": (
-        "VerificationPlan",
-        "load_verification_plan",
-    ),
-    "verbs.artefacts_from_certificate": (
-        "ArtefactsFromCertificate",
-        "artefacts_from_certificate",
-    ),
-    "verbs.certificate": (
-        "CertificateResult",
-        "ReadCertificate",
-        "certificate",
-        "read_certificate",
-    ),
-    "verbs.check": (
-        "CheckResult",
-        "WithdrawalResult",
-        "check",
-        "withdraw_check",
-    ),
+    "standards.artefacts": ("Artefacts", "read_artefacts"),
+    "standards.measured_points": ("MeasuredPoints", "read_points"),
+    "standards.specification": ("Specification", "read_specification"),
+    "standards.verification_plan": ("VerificationPlan", "load_verification_plan"),
+    "verbs.artefacts_from_certificate": ("ArtefactsFromCertificate", "artefacts_from_certificate"),
+    "verbs.certificate": ("CertificateResult", "ReadCertificate", "certificate", "read_certificate"),
+    "verbs.check": ("CheckResult", "WithdrawalResult", "check", "withdraw_check"),
     "verbs.fill_points": ("fill_points",),
-    "verbs.measure": (
-        "MeasuredFeatures",
-        "measure",
-    ),
-    "verbs.operator_sheet": (
-        "OperatorSheetResult",
-        "operator_sheet",
-    ),
-    "verbs.simulate_verification": (
-        "SimulatedVerification",
-        "simulate_verification",
-    ),
-    "verbs.task": (
-        "TaskResult",
-        "task",
-    ),
-    "verbs.verify": (
-        "VerificationResult",
-        "verify",
-    ),
+    "verbs.measure": ("MeasuredFeatures", "measure"),
+    "verbs.operator_sheet": ("OperatorSheetResult", "operator_sheet"),
+    "verbs.simulate_verification": ("SimulatedVerification", "simulate_verification"),
+    "verbs.task": ("TaskResult", "task"),
+    "verbs.verify": ("VerificationResult", "verify"),
 }
 MODULES = ("shapes",)  # public as it stands
 COMMANDS = {

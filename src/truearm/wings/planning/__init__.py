@@ -3,20 +3,8 @@
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
     "virtual": ("VirtualArm",),
-    "arm_from_circles": (
-        "CircleArm",
-        "arm_from_circles",
-    ),
-    "plan": (
-        "CheckPlan",
-        "PlanResult",
-        "plan",
-        "plan_check",
-    ),
-    "simulate": (
-        "SimulationResult",
-        "rehearse",
-        "simulate",
-    ),
+    "arm_from_circles": ("CircleArm", "arm_from_circles"),
+    "plan": ("CheckPlan", "PlanResult", "plan", "plan_check"),
+    "simulate": ("SimulationResult", "rehearse", "simulate"),
 }
 COMMANDS = {"simulate": "simulate_command:simulate", "plan": "plan_command:plan"}

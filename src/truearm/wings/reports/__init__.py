@@ -2,14 +2,8 @@
 
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
-    "compare": (
-        "ModelChange",
-        "compare",
-    ),
-    "report": (
-        "ReportResult",
-        "report",
-    ),
+    "compare": ("ModelChange", "compare"),
+    "report": ("ReportResult", "report"),
 }
 COMMANDS = {
     "arms": "arms_command:arms",

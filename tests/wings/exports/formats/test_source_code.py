@@ -11,15 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from planted_models import (
-    angles_of,
-    empty_models,
-    every_term,
-    network_model,
-    planted_model,
-    rail_arm,
-    stated_readings,
-)
+from planted_models import angles_of, empty_models, every_term, network_model, planted_model, rail_arm, stated_readings
 
 import truearm as ta
 from truearm.arm import Arm, Chain

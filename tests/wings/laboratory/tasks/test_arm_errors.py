@@ -9,11 +9,7 @@ from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import few_readings_factor
-from truearm.identification.judgement.repeating_residuals import (
-    JOINT_VARIANCE_SHARE,
-    ORDER,
-    JointProcess,
-)
+from truearm.identification.judgement.repeating_residuals import JOINT_VARIANCE_SHARE, ORDER, JointProcess
 from truearm.identification.references.references import Points
 from truearm.identification.terms import Constant
 from truearm.models import KinematicModel, NetworkModel

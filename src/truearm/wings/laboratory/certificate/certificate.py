@@ -14,12 +14,7 @@ from truearm import __version__
 from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.wings.laboratory.certificate.administrative_data import AdministrativeData, xml_text
-from truearm.wings.laboratory.certificate.statements import (
-    Statement,
-    make_statements,
-    traceability_gap,
-    used_artefacts,
-)
+from truearm.wings.laboratory.certificate.statements import Statement, make_statements, traceability_gap, used_artefacts
 from truearm.wings.laboratory.standards.artefacts import Artefact
 from truearm.wings.laboratory.standards.coordinate_origin import NO_ARM
 from truearm.wings.laboratory.standards.copied_points import find_copy

@@ -12,14 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from truearm.number_format import (
-    RoundedNumber,
-    capitalize,
-    format_count,
-    format_in_text,
-    format_number,
-    format_percent,
-)
+from truearm.number_format import RoundedNumber, capitalize, format_count, format_in_text, format_number, format_percent
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import BAD, DOUBTFUL, INK, LIMIT, PAPER
 from truearm.pages.plotting import Figure, figure_style, join_phrases, make_view, shorten

@@ -10,13 +10,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.shapes.normalised_points import normalise_points, principal_axes
-from truearm.wings.laboratory.shapes.orthogonal_regression import (
-    Distances,
-    Element,
-    ShapeFit,
-    fitted,
-    minimise,
-)
+from truearm.wings.laboratory.shapes.orthogonal_regression import Distances, Element, ShapeFit, fitted, minimise
 from truearm.wings.laboratory.shapes.starts import round_starts
 
 

@@ -14,12 +14,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.standards.artefacts import Seat
-from truearm.wings.laboratory.standards.decision import (
-    ConformityResult,
-    DecisionRule,
-    assess_conformity,
-    worst_result,
-)
+from truearm.wings.laboratory.standards.decision import ConformityResult, DecisionRule, assess_conformity, worst_result
 from truearm.wings.laboratory.standards.measurands import (
     LengthMeasurement,
     SphereMeasurement,

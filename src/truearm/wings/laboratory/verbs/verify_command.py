@@ -77,7 +77,15 @@ def points_verified(
         needed = {"--points": points, "--plan": plan, "--artefacts": artefacts, "--mpe": mpe}
         missing = ", ".join(name for name, given in needed.items() if given is None)
         raise InputError(f"expected {missing}", hint="truearm verify --help")
-    _verify_points(points, plan, artefacts, mpe, rule=rule, accept=accept, report=report, as_json=as_json)
+    from truearm.wings.laboratory.standards.decision import Verdict
+    from truearm.wings.laboratory.verbs.verify import verify as verified
+
+    check_page_path(report, plan, points, artefacts, mpe)
+    result = verified(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule, accept=accept)
+    if report is not None:
+        result.save_page(report)
+    print_record(result, as_json=as_json, files={"page": report})
+    raise typer.Exit({Verdict.CONFORM: 0, Verdict.NOT_CONFORM: 1}.get(result.verdict, 3))
 
 
 @verify.command()
@@ -235,25 +243,3 @@ def fill_in_artefacts(
     if out is not None:
         filled_in.save(out, force=force)
     print_record(filled_in, as_json=as_json, files={"artefacts": out})
-
-
-def _verify_points(
-    points: Path,
-    plan: str,
-    artefacts: Path,
-    mpe: Path,
-    *,
-    rule: DecisionRule | None,
-    accept: str | None,
-    report: Path | None,
-    as_json: bool,
-) -> None:
-    from truearm.wings.laboratory.standards.decision import Verdict
-    from truearm.wings.laboratory.verbs.verify import verify as verified
-
-    check_page_path(report, plan, points, artefacts, mpe)
-    result = verified(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule, accept=accept)
-    if report is not None:
-        result.save_page(report)
-    print_record(result, as_json=as_json, files={"page": report})
-    raise typer.Exit({Verdict.CONFORM: 0, Verdict.NOT_CONFORM: 1}.get(result.verdict, 3))
