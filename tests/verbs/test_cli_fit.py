@@ -106,14 +106,15 @@ def test_seats_and_lengths_alone(truearm, shop, tmp_path):
     ran = fit(truearm, shop, "seats.csv", out, "--lengths", shop / "lengths.csv")
     assert (ran.code, ran.err) == (0, "")
     lines = ran.out.splitlines()
-    assert lines[1].startswith("held-out error [mm]")
-    rows = {line.split()[0]: line for line in lines[2:5]}
+    assert lines[1].startswith("Next: ")
+    (table,) = [i for i, line in enumerate(lines) if line.startswith("held-out error [mm]")]
+    rows = {line.split()[0]: line for line in lines[table + 1 : table + 4]}
     assert list(rows) == ["nominal", "kinematic", "physical"]
     (kept,) = [name for name, row in rows.items() if row.endswith("selected")]
     assert lines[0].startswith("Mean error 0.0")
     assert " smaller than the nominal arm; largest error of 3 lengths 0.0" in lines[0]
     assert lines[0].endswith(f" ({kept} model of gao2017, 60 readings).")
-    assert lines[5].startswith("training error, distance from the mean of the seat: mean 0.0")
+    assert lines[table + 4].startswith("training error, distance from the mean of the seat: mean 0.0")
     assert any(line.startswith("residual standard deviation: ") for line in lines)
     assert "keeps its nominal size" not in ran.out
     assert lines[-1] == f"model written to {out}"
@@ -219,10 +220,13 @@ def test_outliers_are_named_by_their_line(truearm, shop, tmp_path):
 
 
 def test_terms_that_the_readings_cannot_show_are_named(truearm, made, tmp_path):
-    ran = truearm("fit", made / "test.csv", "--arm", "gao2017", "--model", "physical", "--out", tmp_path / "m.truearm")
-    assert ran.code == 0
-    assert "not offered: J1 orders 1 to 2, as J1 moved by " in ran.out  # a box of 40 degrees
-    assert "terms with most determined coefficients: " in ran.out
+    command = "fit", made / "test.csv", "--arm", "gao2017", "--model", "physical", "--out", tmp_path / "m.truearm"
+    short, ran = truearm(*command), truearm(*command, "--details")
+    assert short.code == ran.code == 0
+    details = "not offered: J1 orders 1 to 2, as J1 moved by ", "terms with most determined coefficients: "
+    assert all(line in ran.out and line not in short.out for line in details)  # a box of 40 degrees
+    added = len(ran.out.splitlines()) - len(short.out.splitlines()) + 1
+    assert f"--details adds {added} lines for experts." in short.out.splitlines()
 
 
 # What is refused -----------------------------------------------------------------------------------------------------

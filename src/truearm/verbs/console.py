@@ -36,7 +36,13 @@ def print_json(result: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(result, indent=2, allow_nan=False))
 
 
-def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, Path | None] | None = None) -> None:
+def print_record(
+    record: Record,
+    *,
+    as_json: bool = False,
+    files: Mapping[str, Path | None] | None = None,
+    details: bool | None = None,
+) -> None:
     """Print the result of a verb and the names of the files that were written, each with what it is.
 
     Parameters
@@ -46,6 +52,8 @@ def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, P
         As JSON: its `to_dict`, with the files before it.
     files : mapping of str to Path
         By what they hold, such as ``model`` or ``session``; JSON has the first as ``file``. None: not written.
+    details : bool, optional
+        With what only experts ask for; False says that there is more. None where the command has no ``--details``.
     """
     files = {what: path for what, path in (files or {}).items() if path is not None}
     if as_json:
@@ -53,6 +61,11 @@ def print_record(record: Record, *, as_json: bool = False, files: Mapping[str, P
         print_json({**names, **record.to_dict()})
         return
     print_line(str(record))
+    lines = [] if details is None else [*map(str, record.details())]
+    if lines and not details:
+        lines = [f"--details adds {len(lines)} line{'s' * (len(lines) > 1)} for experts."]
+    for line in lines:
+        print_line(line)
     for what, path in files.items():
         print_line(f"{what.replace('_', ' ')} written to {path}")
 

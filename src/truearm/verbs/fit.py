@@ -312,6 +312,10 @@ class FitResult(Record):
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
         yield self.summary()
+        yield "Next: test the model on readings that it was not fitted to (truearm evaluate)."
+        yield from self.remarks
+        yield from listed("outlier", self.outliers, "readings")
+        yield from listed("contradictory length", [_describe_length(one) for one in self.length_outliers], "lengths")
         if self.comparison:
             yield _comparison_table(self.comparison)
             if n_excluded := self.comparison[0].n_excluded:
@@ -322,13 +326,13 @@ class FitResult(Record):
             mean, largest = self.held_out_distances["mean_mm"], self.held_out_distances["max_mm"]
             yield f"error of a distance to an anchor, held out: mean {mean:.4f} mm, maximum {largest:.4f} mm"
         yield from _fact_lines(self.model.facts())
-        yield from listed("outlier", self.outliers, "readings")
-        yield from listed("contradictory length", [_describe_length(one) for one in self.length_outliers], "lengths")
-        yield from self.remarks
+        if (identified := to_identified(self.model)) is not None:
+            yield from map(str, own_coefficients(identified))
+
+    def details(self) -> Iterator[str | TextTable]:
+        """See `Record.details`: groups of terms, what is not identifiable, and terms that were not offered."""
         if (identified := to_identified(self.model)) is not None:
             yield from _term_lines(identified)
-            yield from map(str, own_coefficients(identified))
-        yield "These are training readings: evaluate the model on other readings."
 
     def _json(self) -> object:
         found: dict[str, Any] = {

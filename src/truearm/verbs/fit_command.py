@@ -98,6 +98,9 @@ def fit(
     force: ModelForce = False,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
+    details: Annotated[
+        bool, Option("--details", help="Print groups of terms, what is not identifiable, and terms not offered too.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Identify an arm: fit a model to its readings.
@@ -169,7 +172,7 @@ def fit(
         if apply is not None:
             _write_arm(result, apply, out)
     record = result if of_large is None else replace(of_large, result=result)
-    print_record(record, as_json=as_json, files={"model": out, "arm": apply})
+    print_record(record, as_json=as_json, files={"model": out, "arm": apply}, details=details)
 
 
 def _check_table(arm: str | None, apply: Path) -> None:

@@ -402,6 +402,10 @@ class LargeFit(Record):
         yield "Of the sample:"
         yield from self.result.blocks()
 
+    def details(self) -> Iterator[str | TextTable]:
+        """See `Record.details`."""
+        return self.result.details()
+
     def _skipped(self, total: FitSums) -> Iterator[str]:
         if n := total.sums.n_gross:
             named = ", ".join(total.gross)

@@ -94,6 +94,10 @@ class Record(ABC):
     def blocks(self) -> Iterable[str | TextTable]:
         """Sentences and tables in reading order; the first sentence is the answer that a person came for."""
 
+    def details(self) -> Iterable[str | TextTable]:
+        """What only experts ask for: commands print it with ``--details``, a notebook folds it; none by default."""
+        return ()
+
     def to_dict(self) -> dict[str, Any]:
         """The result for machines: strings, numbers, lists and dictionaries only, ready for JSON."""
         plain: dict[str, Any] = to_plain(self._json())
@@ -147,7 +151,7 @@ class Record(ABC):
     def _repr_html_(self) -> str:
         parts = [
             printable(block.to_html() if isinstance(block, TextTable) else f"<p>{escape(block)}</p>")
-            for block in self.blocks()
+            for block in (*self.blocks(), *self.details())
         ]
         if len(parts) > N_OPEN + 1:
             details = "".join(parts[N_OPEN:])
