@@ -93,7 +93,9 @@ from truearm.wings.laboratory.verbs.task import task as task
 from truearm.wings.laboratory.verbs.verify import VerificationResult as VerificationResult
 from truearm.wings.laboratory.verbs.verify import verify as verify
 from truearm.wings.planning.arm_from_circles import CircleArm as CircleArm
+from truearm.wings.planning.arm_from_circles import CirclesPlan as CirclesPlan
 from truearm.wings.planning.arm_from_circles import arm_from_circles as arm_from_circles
+from truearm.wings.planning.arm_from_circles import plan_circles as plan_circles
 from truearm.wings.planning.plan import CheckPlan as CheckPlan
 from truearm.wings.planning.plan import PlanResult as PlanResult
 from truearm.wings.planning.plan import plan as plan

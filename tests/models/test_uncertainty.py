@@ -9,7 +9,7 @@ import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.models import KinematicModel, NominalModel
-from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget
+from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits
 from truearm.readings import Session
 from truearm.wings.planning.designs.sampling import box, seat
 from truearm.wings.planning.virtual import PRESETS, VirtualArm
@@ -101,3 +101,27 @@ def test_a_model_without_terms_has_a_budget_too(virtual, others):
     budget, _ = uncertainty_budget(NominalModel(ARM, free=()).fit_readings(others), others)
     assert budget.of_parameters_mm == 0.0
     assert budget.combined_mm == pytest.approx(budget.unexplained_mm)
+
+
+def test_what_limits_is_the_largest_of_three_parts_that_add_up(model, others):
+    budget = replace(uncertainty_budget(model, others)[0], of_parameters_mm=0.5)
+    camera = replace(others, point_std=np.full((300, 3), 1.0))
+    instrument, parameters = np.sqrt(8 / np.pi) * np.array([1.0, 0.5])
+    (found,) = what_limits(budget, camera, 2.0, 100)
+    assert found.sentence.startswith("The instrument limits you: the instrument makes 1.6 mm of the mean error")
+    parts = [found.numbers[f"{name}_mm"] for name in ("instrument", "number_of_readings", "arm")]
+    assert parts[:2] == pytest.approx([instrument, parameters])
+    assert np.linalg.norm(parts) == pytest.approx(2.0)
+    assert found.numbers["with_more_readings_mm"] == pytest.approx(np.sqrt(4.0 - 0.75 * parameters**2))
+    assert "arm limits you" in str(next(what_limits(budget, camera, 5.0, 100)))
+    few = replace(budget, of_parameters_mm=2.0)
+    assert "number of readings limits you" in str(next(what_limits(few, camera, 3.6, 10)))
+    # A laser tracker shows the arm's errors, and a reference of unstated uncertainty no part of its own.
+    assert not list(what_limits(budget, replace(camera, point_std=np.full((300, 3), 0.05)), 2.0, 100))
+    assert not list(what_limits(budget, replace(camera, point_std=None), 2.0, 100))
+
+
+def test_the_errors_of_a_camera_are_those_that_a_perfect_arm_would_show(rng):
+    """Errors of a known arm under noise: the mean length of what is stated."""
+    noise = rng.normal(0, 0.7, (20000, 3))
+    assert np.linalg.norm(noise, axis=1).mean() == pytest.approx(np.sqrt(8 / np.pi) * 0.7, rel=0.01)  # 20,000 draws

@@ -101,7 +101,7 @@ def test_the_printed_arm(run_page):
     servos = parse_toml((folder / "servos.toml").read_bytes(), ServoDocument)
     page = (START / "printed-arm.md").read_text(encoding="utf-8")
     (zeros,) = re.findall(r"`zero = (\[.*?\])`", page)
-    shift = dict(re.findall(r"(J\d) ([+-][\d.]+) deg", page))  # theta that is missing
+    shift = dict(re.findall(r"^(J\d) +([+-][\d.]+) ", page, flags=re.MULTILINE))  # theta that is missing
     put_right = servos.model_copy(update={"zero": tuple(map(float, zeros.strip("[]").split(",")))})
     counts = [1500, 1900, 2100, 2500, 3000]
     before, after = (np.degrees(document.decoder(5)(counts)) for document in (servos, put_right))

@@ -96,6 +96,7 @@ def tables(session, model, simulated, tmp_path_factory):
         "ProcedureResult": (found, len(found.results.errors)),
         "SourceList": (sources, len(sources.missing)),
         "CircleArm": (circle_arm(), 6),
+        "CirclesPlan": (ta.plan_circles(6), 4),
     }
 
 

@@ -38,10 +38,11 @@ Every ``_mm`` may be ``_m`` and every ``_deg`` may be ``_rad``, but not both at 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import accumulate, pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -59,6 +60,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import parse_file
 from truearm.files.toml_documents import parse_toml, reject_control_characters, toml_text
+from truearm.printable_text import printable_name
 from truearm.typing import FloatArray
 
 MAX_BYTES = 1_000_000
@@ -205,7 +207,9 @@ def read_arm(path: str | Path) -> Arm:
     return parse_file(path, lambda content: _arm_of(parse_toml(content, _ArmFile)), limit_bytes=MAX_BYTES)
 
 
-def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> None:
+def write_arm(
+    arm: Arm, path: str | Path, *, convention: Convention = "dh", notes: Mapping[str, str] = MappingProxyType({})
+) -> None:
     """Write an arm as TOML, or as URDF if `path` ends in ``.urdf``.
 
     Parameters
@@ -214,6 +218,8 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
     path : path
     convention : {"dh", "mdh"}
         Of the TOML file's table.
+    notes : dict of str to str
+        Comments of the TOML file, one line each, by the names of joints.
 
     Raises
     ------
@@ -230,7 +236,7 @@ def write_arm(arm: Arm, path: str | Path, *, convention: Convention = "dh") -> N
     if table is None or table.convention != convention or not _is_hayatis(table, arm.chain):
         table = dh_table(arm.chain) if convention == "dh" else mdh_table(arm.chain)
     with atomic_file(path, read=read_arm) as beside:
-        beside.write_text("\n".join(_toml_lines(arm, table)) + "\n", encoding="utf-8")
+        beside.write_text("\n".join(_toml_lines(arm, table, notes)) + "\n", encoding="utf-8")
 
 
 def _is_hayatis(table: DHTable, chain: Chain) -> bool:
@@ -328,7 +334,7 @@ def _triple(table: _Strict, quantity: str) -> FloatArray:
     return np.zeros(3) if value is None else value
 
 
-def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
+def _toml_lines(arm: Arm, table: DHTable, notes: Mapping[str, str]) -> Iterator[str]:
     yield "# An arm: see docs/arm-file.md. The names state the units; title and source appear in reports."
     yield f"name = {toml_text(arm.name)}"
     yield f"title = {toml_text(arm.title)}"
@@ -345,7 +351,8 @@ def _toml_lines(arm: Arm, table: DHTable) -> Iterator[str]:
     centres = np.zeros((0, 3)) if arm.masses is None else _centres_at_row_ends(arm.chain, arm.masses, table)
     for i, name in enumerate(arm.joint_names):
         slides = bool(table.prismatic[i])
-        yield from ("", "[[joints]]", f"name = {toml_text(name)}", f'type = "{"prismatic" if slides else "revolute"}"')
+        yield from ("", "[[joints]]", *([f"# {printable_name(notes[name])}"] if name in notes else []))
+        yield from (f"name = {toml_text(name)}", f'type = "{"prismatic" if slides else "revolute"}"')
         yield from (f"a_mm = {_plain(table.a[i])}", f"d_mm = {_plain(table.d[i])}")
         yield from (f"alpha_deg = {_plain_deg(table.alpha[i])}", f"theta_deg = {_plain_deg(table.theta[i])}")
         if table.beta[i] or table.b[i]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
+from truearm.findings import Finding, format_mm
 from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models.compensator import Compensator, ReadingsLike
 from truearm.models.identified_model import IdentifiedModel, to_identified
+from truearm.readings import Session
 from truearm.readings.reference_uncertainty import reference_covariance
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
@@ -127,6 +130,40 @@ def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[Unce
         for i in beyond[np.argsort(-times[beyond])]
     ]
     return budget, tuple(far)
+
+
+# Mean length of an error whose three coordinates have a standard deviation of 1 (Maxwell distribution).
+MEAN_LENGTH = float(np.sqrt(8 / np.pi))
+# Instruments of more show their own errors, not the arm's, as cameras and rulers do [mm, a coordinate].
+POOR_INSTRUMENT_MM = 0.2
+# So many times as many readings are considered.
+MORE_READINGS = 4
+
+
+def what_limits(budget: UncertaintyBudget, readings: Session, mean_error_mm: float, n_train: int) -> Iterator[Finding]:
+    """Which of instrument, number of readings and arm has the largest part of an error under a poor instrument.
+
+    The mean error on readings that are not those of the training has three independent parts: the instrument's own, as
+    it is stated; that of the parameters, which falls with the square root of the number of training readings; and the
+    rest, which no model of the arm explains.
+    """
+    if readings.point_std is None or budget.is_relative:
+        return
+    noise = float(np.sqrt((readings.point_std[readings.has_point] ** 2).mean()))
+    if noise < POOR_INSTRUMENT_MM:
+        return
+    instrument, parameters = MEAN_LENGTH * noise, MEAN_LENGTH * budget.of_parameters_mm
+    arm = float(np.sqrt(max(mean_error_mm**2 - instrument**2 - parameters**2, 0.0)))
+    more = float(np.sqrt(instrument**2 + arm**2 + parameters**2 / MORE_READINGS))
+    parts = {"instrument": instrument, "number of readings": parameters, "arm": arm}
+    largest = max(parts, key=lambda name: parts[name])
+    said = (
+        f"The {largest} limits you: the instrument makes {format_mm(instrument)} of the mean error "
+        f"({format_mm(noise)} a coordinate), the number of training readings ({n_train}) {format_mm(parameters)}, the "
+        f"arm {format_mm(arm)}; {MORE_READINGS * n_train} readings would give {format_mm(more)}."
+    )
+    numbers = {f"{name.replace(' ', '_')}_mm": value for name, value in parts.items()}
+    yield Finding("what limits", said, {**numbers, "with_more_readings_mm": more})
 
 
 def _frame_is_arbitrary(model: IdentifiedModel) -> bool:

@@ -13,7 +13,7 @@ from truearm.choices import Conditions
 from truearm.findings import Finding, findings_of
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models import Compensator
-from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget
+from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits
 from truearm.readings import (
     Lengths,
     LengthSummary,
@@ -140,6 +140,7 @@ def evaluate(
         n_training=tested.n_training,
         findings=(
             *findings_of("acceptance", acceptance_remarks(accept)),
+            *([] if budget is None else what_limits(budget, used, errors["model"]["mean_mm"], fitted.n_train_)),
             *tested.findings,
             *evaluation_findings(at, nominal),
         ),

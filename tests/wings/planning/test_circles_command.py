@@ -55,6 +55,7 @@ def test_an_arm_without_a_drawing(truearm, filled, tmp_path):
     [
         (["ur10", "--from-circles", "c.csv"], "does not apply to --from-circles"),
         (["--points", "9"], "--points applies to --circles-plan only"),
+        (["--noise", "1"], "--noise applies to --circles-plan only"),
         (["--accept", "a reason"], "--accept applies to --from-circles only"),
         (["--circles-plan", "6"], "--circles-plan needs --out"),
         (["--circles-plan", "6", "--points", "3", "--out", "plan.csv"], "5 to 1000 points"),

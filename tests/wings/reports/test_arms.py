@@ -56,3 +56,17 @@ def test_an_arm_that_the_catalogue_has_nearly_twice_is_not_contradicted(name):
     real = arm.chain.with_motions(rng.normal(size=(arm.chain.n_places, 6)) * ([1e-3] * 3 + [0.5] * 3))
     found = ta.diagnose(arm, ta.Session(angles=angles, points=real.tip_in_base(angles)))
     assert not found.check.findings
+
+
+def test_zeros_of_an_identified_arm_are_said_in_counts_of_a_servo():
+    arm = ta.load_arm("ur5e")
+    shift = np.radians([0.0, 2.0, -3.0, 1.5, 0.0, 0.0])  # J5's is the tip's, which is on the axis of J6
+    angles = arm.working + np.random.default_rng(4).uniform(-0.7, 0.7, (60, arm.n_joints))
+    points = arm.chain.tip_in_base(angles + shift) + np.random.default_rng(5).normal(0, 0.02, (60, 3))
+    described = describe_arm(ta.KinematicModel(arm).fit_readings(ta.Session(angles, points)))
+    found = described.to_dict()
+    # deg: 0.02 mm at a lever of 100 mm are 0.01.
+    np.testing.assert_allclose(found["zero_deg"], np.degrees(shift), atol=0.05)
+    np.testing.assert_allclose(found["zero_counts"], np.asarray(found["zero_deg"]) * 4096 / 360)
+    assert "counts of 4096" in str(described)
+    assert "zero_deg" not in describe_arm(arm).to_dict()

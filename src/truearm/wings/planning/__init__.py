@@ -3,7 +3,7 @@
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
     "virtual": ("VirtualArm",),
-    "arm_from_circles": ("CircleArm", "arm_from_circles"),
+    "arm_from_circles": ("CircleArm", "CirclesPlan", "arm_from_circles", "plan_circles"),
     "plan": ("CheckPlan", "PlanResult", "plan", "plan_check"),
     "simulate": ("SimulationResult", "rehearse", "simulate"),
 }

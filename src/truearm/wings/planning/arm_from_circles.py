@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,15 @@ from truearm.typing import FloatArray
 from truearm.verbs.inputs import SessionLike, to_session, unfilled_rows
 from truearm.verbs.record import TableRecord, TextTable, format_fixed
 from truearm.verbs.sentences import format_mm, number_of
-from truearm.wings.planning.circles.axes import EstimatedAxes, check_directions, estimate_axes
-from truearm.wings.planning.circles.joint_circles import JointCircle, joint_circles
+from truearm.wings.planning.circles.axes import EstimatedAxes, estimate_axes, uncertain_directions
+from truearm.wings.planning.circles.joint_circles import (
+    LEAST_POINTS,
+    LEAST_RADIUS_MM,
+    MAX_DIRECTION_STD,
+    JointCircle,
+    joint_circles,
+    radius_needed,
+)
 from truearm.wings.planning.designs.template import write_aims
 
 # Round values that drawings have: of angles multiples of 90 deg, of lengths 0. They are named within so many standard
@@ -36,6 +43,9 @@ ROUND_DEG, COVERAGE = 90.0, 2.0
 SAID_GAIN_STDS, MAX_GAIN_ERROR = 5.0, 0.1
 LEAST_SAID_GAIN = 1e-3
 LEAST_ARC_PLANNED = 10.0
+# Standard uncertainties of directions whose radius a plan says, the first in its file; and longer spans.
+PLANNED_DEG, DIRECTIONS_DEG, SPANS_DEG = 2.0, (0.5, 1.0, 2.0), (90.0, 120.0, 180.0)
+MAX_DIRECTION_DEG = float(np.degrees(MAX_DIRECTION_STD))
 # Of lengths that are zero by convention.
 ROUNDING_MM = 1e-9
 
@@ -66,7 +76,7 @@ def arm_from_circles(
     Raises
     ------
     InputError
-        If a joint has no circle, or one that does not show its axis; if a joint turns by more or less than its angles.
+        If no circle shows the axis of a joint; if a joint turns by more or less than its angles.
 
     Examples
     --------
@@ -83,17 +93,20 @@ def arm_from_circles(
     """
     given = to_session(session)
     slides = arm_of_readings(given).chain.is_prismatic
-    circles = joint_circles(given, slides)
-    estimated = estimate_axes(given, circles, slides)
+    found = joint_circles(given, slides)
+    circles, estimated = found.circles, estimate_axes(given, found, slides)
     said = tuple(_judge_gains(given, estimated))
-    check_directions(given, circles, estimated)
+    faults = found.failed | uncertain_directions(given, circles, estimated)
+    if len(faults) == given.n_joints:
+        raise faults[min(faults)]
+    failed = {joint: f"{fault.problem}: {fault.hint}" for joint, fault in sorted(faults.items())}
     table = _own_frames(drawn_table(estimated.axes.chain(), convention))
     n_points = len(np.unique(np.concatenate([circle.rows for circle in circles])))
     at_joint_1 = replace(table, base=np.eye(4))
     arm = Arm(
         name,
         at_joint_1.chain(),
-        title="measured by the circles of its joints",
+        title="measured by the circles of its joints" + _but(failed),
         working_pose=estimated.axes.pose,
         source="; ".join([_source(given, n_points, len(circles), estimated), *acceptance_remarks(accept)]),
         serial_number=serial_number_of(given),
@@ -102,7 +115,14 @@ def arm_from_circles(
     remarks = [*acceptance_remarks(accept), *map(str, unfilled_rows(given)), *said]
     if unused := len(given) - n_points:
         remarks.append(f"{number_of(unused)} in no circle, ignored.")
-    return CircleArm(arm, table, _uncertainty(estimated, convention), circles, estimated, n_points, tuple(remarks))
+    return CircleArm(
+        arm, table, _uncertainty(estimated, convention), circles, estimated, failed, n_points, tuple(remarks)
+    )
+
+
+def _but(failed: Collection[int]) -> str:
+    """What a title says of joints that were not measured."""
+    return f"; {', '.join(f'J{joint + 1}' for joint in failed)} not measured" if failed else ""
 
 
 def _source(given: Session, n_points: int, n_circles: int, estimated: EstimatedAxes) -> str:
@@ -181,6 +201,9 @@ class CircleArm(TableRecord):
     circles : tuple of JointCircle
     estimated : EstimatedAxes
         The axes in one pose, in the frame of the instrument, with their covariance.
+    failed : dict of int to str
+        Joints, counted from 0, whose circles do not show their axes: why, and what to do. The file has them through
+        the target, across the axis before, or as they are seen; it marks them.
     n_points : int
     remarks : tuple of str
     """
@@ -190,6 +213,7 @@ class CircleArm(TableRecord):
     std: FloatArray
     circles: tuple[JointCircle, ...]
     estimated: EstimatedAxes
+    failed: Mapping[int, str]
     n_points: int
     remarks: tuple[str, ...]
 
@@ -206,12 +230,15 @@ class CircleArm(TableRecord):
 
     def save(self, path: str | Path) -> None:
         """Write the arm file, .toml or .urdf (see docs/arm-file.md)."""
-        write_arm(self.arm, path, convention=self.table.convention)
+        notes = {self.arm.joint_names[joint]: f"not measured: {reason}" for joint, reason in self.failed.items()}
+        write_arm(self.arm, path, convention=self.table.convention, notes=notes)
 
     def summary(self) -> str:
         """The answer in one sentence."""
+        n = self.arm.n_joints
+        joints = number_of(n, "joint") if not self.failed else f"{n - len(self.failed)} of {n} joints"
         return (
-            f"An arm of {number_of(self.arm.n_joints, 'joint')} from {self.n_points} points on "
+            f"An arm of {joints} from {self.n_points} points on "
             f"{number_of(len(self.circles), 'circle')}: residual standard deviation "
             f"{format_mm(self.estimated.residual_std_mm)} of a coordinate."
         )
@@ -219,6 +246,15 @@ class CircleArm(TableRecord):
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
         yield self.summary()
+        yield from (
+            f"J{joint + 1} is not measured. {reason[0].upper()}{reason[1:]}." for joint, reason in self.failed.items()
+        )
+        if self.failed:
+            before = sorted({self.arm.joint_names[j] for joint in self.failed for j in (max(joint - 1, 0), joint)})
+            yield (
+                f"So the constants of {' and '.join(before)} in the file are not measured. Add the readings of a "
+                "better circle to the session and repeat the command."
+            )
         yield self._constants_table()
         n = self.arm.n_joints
         tip = ", ".join(_with_u(*one) for one in zip(self.table.tip_in_flange, self.std[6 * n :], strict=True))
@@ -238,6 +274,8 @@ class CircleArm(TableRecord):
         for name, values in self.table.columns().items():
             column, _, unit = name.partition("_")
             for i, (value, uncertainty) in enumerate(zip(values, u[name], strict=True)):
+                if i in self.failed or i + 1 in self.failed:
+                    continue
                 nearest = ROUND_DEG * round(value / ROUND_DEG) if unit == "deg" else 0.0
                 if uncertainty > 0 and value != nearest and abs(value - nearest) <= COVERAGE * uncertainty:
                     found.append(f"J{i + 1} {column} {nearest:.0f} {unit}")
@@ -246,7 +284,10 @@ class CircleArm(TableRecord):
     def _constants_table(self) -> TextTable:
         shown, u = self.table.used_columns(), self._u_columns()
         rows = [
-            [joint, *(_with_u(values[i], u[name][i]) for name, values in shown.items())]
+            [
+                f"{joint} (not measured)" if i in self.failed else joint,
+                *(_with_u(values[i], u[name][i]) for name, values in shown.items()),
+            ]
             for i, joint in enumerate(self.arm.joint_names)
         ]
         heads = [f"{name} (u)" for name in shown]
@@ -281,6 +322,7 @@ class CircleArm(TableRecord):
             "gains": self.estimated.gains,
             "u_gains": self.estimated.gain_std,
             "round_values": self.near_round_values(),
+            "not_measured": {self.arm.joint_names[joint]: reason for joint, reason in self.failed.items()},
             **self._named("n_points", "remarks"),
         }
 
@@ -293,36 +335,102 @@ def _with_u(value: float, u: float) -> str:
     return f"{value:.{decimals}f} ({u:.{decimals}f})"
 
 
-def write_circles_form(
-    path: str | Path, n_joints: int, *, points: int = 12, span_deg: float = 60.0, force: bool = False
-) -> None:
-    """Write a session file to fill in: each joint in turn at equal steps over a span, the others at zero.
+def plan_circles(n_joints: int, *, points: int = 12, span_deg: float = 60.0, noise_mm: float = 1.0) -> CirclesPlan:
+    """Plan the readings of `arm_from_circles`: each joint in turn at equal steps over a span, the others at zero.
 
     Parameters
     ----------
-    path : path
-        Ends in ``.csv``; must be new, unless `force` replaces it.
     n_joints : int
     points : int
         Of each circle.
     span_deg : float
         From the first to the last angle of a circle [deg].
+    noise_mm : float
+        Standard uncertainty of a coordinate of the instrument [mm].
 
     Raises
     ------
     InputError
-        If the numbers make no circle, or the file exists.
+        If the numbers make no circle.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> round(ta.plan_circles(5, span_deg=120, noise_mm=1.0).radius_needed(2.0))
+    47
     """
-    if not (1 <= n_joints <= 100 and 5 <= points <= 1000 and LEAST_ARC_PLANNED <= span_deg <= 360):
+    if not (1 <= n_joints <= 100 and LEAST_POINTS <= points <= 1000 and LEAST_ARC_PLANNED <= span_deg <= 360):
         raise InputError(
-            f"expected 1 to 100 joints, 5 to 1000 points and a span of {LEAST_ARC_PLANNED:.0f} to 360 deg, got "
-            f"{n_joints}, {points} and {span_deg:g}"
+            f"expected 1 to 100 joints, {LEAST_POINTS} to 1000 points and a span of {LEAST_ARC_PLANNED:.0f} to 360 "
+            f"deg, got {n_joints}, {points} and {span_deg:g}"
         )
-    check_new_file(path, force=force, endings=(".csv",))
-    arm = Arm("unknown arm", Chain(np.tile(np.eye(4), (n_joints + 1, 1, 1)), np.zeros(3)))
-    angles = np.zeros((n_joints * points, n_joints))
-    notes = []
-    for joint in range(n_joints):
-        angles[joint * points : (joint + 1) * points, joint] = np.radians(np.linspace(-0.5, 0.5, points) * span_deg)
-        notes += [f"move J{joint + 1} alone; the others stand where they are, at 0 or anywhere"] * points
-    write_aims(arm, angles, path, names={}, notes=notes, points=True)
+    if not 0 < noise_mm < np.inf:
+        raise InputError(f"expected the standard uncertainty of a coordinate [mm], got {noise_mm:g}")
+    return CirclesPlan(n_joints, np.radians(np.linspace(-0.5, 0.5, points) * span_deg), noise_mm)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CirclesPlan(TableRecord):
+    """Circles to measure.
+
+    Attributes
+    ----------
+    n_joints : int
+    turns : (m,) array
+        Angles of each joint [rad].
+    noise_mm : float
+        Standard uncertainty of a coordinate of the instrument.
+    """
+
+    n_joints: int
+    turns: FloatArray
+    noise_mm: float
+
+    def radius_needed(self, direction_std_deg: float, span_deg: float | None = None) -> float:
+        """Distance of the target from an axis [mm] at which its direction is known so well [deg]; over another span."""
+        turns = self.turns * (1.0 if span_deg is None else np.radians(span_deg) / np.ptp(self.turns))
+        return max(radius_needed(turns, self.noise_mm, float(np.radians(direction_std_deg))), LEAST_RADIUS_MM)
+
+    def save(self, path: str | Path, *, force: bool = False) -> None:
+        """Write the session file to fill in, .csv; new, unless `force` replaces it."""
+        check_new_file(path, force=force, endings=(".csv",))
+        n, m = self.n_joints, len(self.turns)
+        arm = Arm("unknown arm", Chain(np.tile(np.eye(4), (n + 1, 1, 1)), np.zeros(3)))
+        angles, notes = np.zeros((n * m, n)), []
+        for joint in range(n):
+            angles[joint * m : (joint + 1) * m, joint] = self.turns
+            note = (
+                f"move J{joint + 1} alone, the target {self.radius_needed(PLANNED_DEG):.0f} mm or more from its axis; "
+                "the others stand where they are, at 0 or anywhere"
+            )
+            notes += [note] * m
+        write_aims(arm, angles, path, names={}, notes=notes, points=True)
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        m, span, needed = len(self.turns), float(np.degrees(np.ptp(self.turns))), self.radius_needed(PLANNED_DEG)
+        yield f"{self.n_joints * m} readings, {m} of each of {number_of(self.n_joints, 'joint')}, over {span:.0f} deg."
+        yield (
+            f"Keep the target {needed:.0f} mm or more from the axis of the joint that moves: an instrument of "
+            f"{self.noise_mm:g} mm a coordinate then finds the axis to {PLANNED_DEG:g} deg; below "
+            f"{self.radius_needed(MAX_DIRECTION_DEG):.0f} mm it finds none. For the last joints mount the target at "
+            "that distance from their axes; for the first stretch the arm. A longer arc needs less:"
+        )
+        rows = [tuple(f"{cell:.0f}" for cell in row) for row in zip(*self.columns().values(), strict=True)]
+        yield TextTable(("span deg", *(f"radius mm for {u:g} deg" for u in DIRECTIONS_DEG)), rows, left_aligned=())
+        yield "Fill in angles and points; then truearm arms --from-circles FILE --out my-arm.toml."
+
+    def columns(self) -> dict[str, list[float]]:
+        """The distances of the target from an axis that find its direction, by the span of the circle."""
+        span = float(np.degrees(np.ptp(self.turns)))
+        spans = [span, *(one for one in SPANS_DEG if one > span + 1)]
+        radii = {f"radius_for_{u:g}_deg_mm": [self.radius_needed(u, one) for one in spans] for u in DIRECTIONS_DEG}
+        return {"span_deg": spans, **radii}
+
+    def _json(self) -> object:
+        return {
+            "n_readings": self.n_joints * len(self.turns),
+            "turns_deg": np.degrees(self.turns),
+            "noise_mm": self.noise_mm,
+            **self.columns(),
+        }

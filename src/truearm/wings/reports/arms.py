@@ -12,21 +12,24 @@ import numpy as np
 from truearm.arm import Arm, Chain, DHTable, list_arms, load_arm, nearest_table
 from truearm.arm.catalogue import MAKERS, maker_of
 from truearm.arm.couplings import coupling_text
+from truearm.arm.joint_zeros import joint_zeros
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.models.identified_model import require_identified
 from truearm.pages.drawings.page_record import PageRecord, version_row
+from truearm.typing import FloatArray
 from truearm.verbs.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
 from truearm.verbs.record import Record, TextTable, format_fixed
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
 
-# Columns of parallel axes only.
 # Base and flange that differ from none by less, in mm and as a matrix, are not shown.
 ROUNDING = 1e-9
+# Of the servos of printed arms: Feetech STS3215, Dynamixel X.
+COUNTS_PER_TURN = 4096
 
 
 def catalogue(search: str = "") -> Catalogue:
@@ -60,7 +63,9 @@ def describe_arm(arm: ArmLike | ModelLike, *, convention: Convention = "dh") -> 
     """
     if isinstance(arm, Compensator) or (isinstance(arm, str | Path) and is_model_file(arm)):
         fitted = to_model(arm)
-        return ArmDescription(identified_arm(fitted), convention, fitted.arm_.chain)
+        identified = identified_arm(fitted)
+        zeros = joint_zeros(identified.chain, fitted.arm_, free=fitted.free)
+        return ArmDescription(identified, convention, fitted.arm_.chain, zeros)
     return ArmDescription(to_arm(arm), convention)
 
 
@@ -136,11 +141,14 @@ class ArmDescription(PageRecord):
     convention : {"dh", "mdh"}
     nominal : Chain or None
         Of an identified arm.
+    zeros : (n_joints,) array or None
+        Of an identified arm: what is to be added to the angles of the nominal arm [rad; of sliding joints mm].
     """
 
     arm: Arm
     convention: Convention
     nominal: Chain | None = None
+    zeros: FloatArray | None = None
 
     @property
     def table(self) -> DHTable:
@@ -171,6 +179,7 @@ class ArmDescription(PageRecord):
             "gravity_in_base": arm.gravity_direction,
             **({} if arm.chain.coupling is None else {"coupling": arm.chain.coupling}),
             **({} if arm.masses is None else {"mass_kg": arm.masses.mass_kg}),
+            **self._zero_columns(),
             self.convention: self.table.columns(),
         }
 
@@ -180,6 +189,15 @@ class ArmDescription(PageRecord):
         yield f"{arm.name}: {arm.title}"
         yield from arm.remarks
         yield self._joint_table()
+        if zeros := self._zero_columns():
+            slides = self.arm.chain.is_prismatic
+            rows = [
+                (joint, f"{zeros['zero_deg'][i]:+.3f}", f"{zeros['zero_counts'][i]:+.1f}")
+                for i, joint in enumerate(arm.joint_labels)
+                if not slides[i]
+            ]
+            yield TextTable(("joint", "zero deg", f"counts of {COUNTS_PER_TURN}"), rows)
+            yield "zero: what to add to the angles of the nominal arm; new zero of a servo = old zero - sign x counts"
         for where, frame in (("before J1", table.base), (f"after J{arm.n_joints}", table.flange)):
             if np.abs(frame - np.eye(4)).max() > ROUNDING:
                 xyz, rpy = xyz_rpy_from_frame(frame)
@@ -195,6 +213,13 @@ class ArmDescription(PageRecord):
         if arm.serial_number:
             yield f"serial number: {arm.serial_number}"
         yield f"source: {arm.source}"
+
+    def _zero_columns(self) -> dict[str, FloatArray]:
+        """Zeros of the turning joints of an identified arm; NaN of sliding ones."""
+        if self.zeros is None or not self.zeros.any():
+            return {}
+        turns = np.where(self.arm.chain.is_prismatic, np.nan, self.zeros / (2 * np.pi))
+        return {"zero_deg": 360 * turns, "zero_counts": COUNTS_PER_TURN * turns}
 
     def _joint_table(self) -> TextTable:
         shown = self.table.used_columns()

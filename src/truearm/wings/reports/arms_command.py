@@ -47,6 +47,9 @@ def arms(
     span: Annotated[
         float, Option(help="With --circles-plan: from the first to the last angle of a circle [deg].")
     ] = 60,
+    noise: Annotated[
+        float, Option(help="With --circles-plan: standard uncertainty of a coordinate of the instrument [mm].")
+    ] = 1.0,
     accept: AcceptOption = None,
     force: Force = False,
     as_json: Json = False,
@@ -68,14 +71,14 @@ def arms(
     from truearm.wings.reports.arms import catalogue, describe_arm, page_name
 
     if circles_plan is None:
-        refuse_typed(context, ("points", "span"), "applies to --circles-plan only")
+        refuse_typed(context, ("points", "span", "noise"), "applies to --circles-plan only")
     if from_circles is None:
         refuse_typed(context, ("accept",), "applies to --from-circles only")
     if from_circles is not None or circles_plan is not None:
         of_name = ("arm", "page", "readings", "lengths", "free", "apply")
         refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
         if from_circles is None:
-            _write_circles_plan(out, circles_plan or 0, points, span, force=force)
+            _plan_circles(out, circles_plan or 0, points, span, noise, force=force, as_json=as_json)
         elif circles_plan is None:
             _measure(from_circles, out, convention, accept, force=force, as_json=as_json)
         else:
@@ -137,17 +140,17 @@ def _diagnose(
     print_record(found, as_json=as_json, files={"arm": apply})
 
 
-def _write_circles_plan(out: Path | None, n_joints: int, points: int, span: float, *, force: bool) -> None:
+def _plan_circles(
+    out: Path | None, n_joints: int, points: int, span: float, noise: float, *, force: bool, as_json: bool
+) -> None:
     """The session to fill in: each joint in turn at its angles, the others at zero."""
-    from truearm.wings.planning.arm_from_circles import write_circles_form
+    from truearm.wings.planning.arm_from_circles import plan_circles
 
     if out is None:
         raise InputError("--circles-plan needs --out", hint=f"truearm arms --circles-plan {n_joints} --out circles.csv")
-    write_circles_form(out, n_joints, points=points, span_deg=span, force=force)
-    print_line(
-        f"{out}: {n_joints * points} readings, {points} of each of {n_joints} joints. Fill in angles and points; then "
-        f"truearm arms --from-circles {out} --out my-arm.toml"
-    )
+    planned = plan_circles(n_joints, points=points, span_deg=span, noise_mm=noise)
+    planned.save(out, force=force)
+    print_record(planned, as_json=as_json, files={"session": out})
 
 
 def _measure(

@@ -11,7 +11,7 @@ from truearm.arm import Arm, load_arm, read_arm, write_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.wings.planning.circles.axes import Axes
-from truearm.wings.planning.circles.joint_circles import joint_circles
+from truearm.wings.planning.circles.joint_circles import direction_std, joint_circles
 
 circles = pytest.importorskip("benchmarks.circles", reason="benchmarks are not beside the tests")
 planted, standardized, swept = circles.planted, circles.standardized, circles.swept
@@ -77,19 +77,26 @@ def test_a_rail_and_joints_that_stand_elsewhere_in_each_circle():
 def test_a_circle_by_hand():
     turns = np.radians([0, 30, 60, 90, 120, 150])
     points = np.stack([5 + 100 * np.cos(turns), -2 + 100 * np.sin(turns), np.full(6, 7.0)], axis=1)
-    (up,) = joint_circles(ta.Session(turns[:, None], points), np.array([False]))
+    (up,) = joint_circles(ta.Session(turns[:, None], points), np.array([False])).circles
     np.testing.assert_allclose(up.direction, [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(up.point, [5, -2, 7], atol=1e-9)
     assert up.radius_mm == pytest.approx(100)
     # The other sign of the encoder is the other direction of the axis.
-    (down,) = joint_circles(ta.Session(-turns[:, None], points), np.array([False]))
+    (down,) = joint_circles(ta.Session(-turns[:, None], points), np.array([False])).circles
     np.testing.assert_allclose(down.direction, [0, 0, -1], atol=1e-12)
 
 
 def test_derivatives_are_difference_quotients(rng):
     slides = np.array([False, True, False])
     directions = Rotation.random(3, rng=rng).as_matrix()[:, 2]
-    axes = Axes(rng.normal(0, 1, 3), directions, rng.normal(0, 300, (3, 3)), slides, rng.normal(0, 300, 3))
+    axes = Axes(
+        rng.normal(0, 1, 3),
+        directions,
+        rng.normal(0, 300, (3, 3)),
+        slides,
+        rng.normal(0, 300, 3),
+        np.array([True, True, True]),
+    )
     angles = axes.pose + rng.normal(0, 1, (5, 3))
     _, by_step, by_gain = axes.targets(angles)
     for k, step in enumerate(1e-6 * np.eye(axes.n_parameters)):
@@ -125,29 +132,78 @@ def refused(session, match, **options):
     return caught.value
 
 
-def test_a_joint_without_circle_is_named(circles):
+def marked(session, joint, tmp_path):
+    """Measure an arm of which one joint fails: the text and the file say so, and the others are as they are."""
+    measured = ta.arm_from_circles(session)
+    (reason,) = measured.failed.values()
+    assert list(measured.failed) == [joint]
+    n, name = measured.arm.n_joints, f"J{joint + 1}"
+    text = str(measured)
+    assert text.startswith(f"An arm of {n - 1} of {n} joints")
+    assert f"{name} is not measured. " in text
+    assert measured.arm.title.endswith(f"{name} not measured")
+    measured.save(tmp_path / "my-arm.toml")
+    written = (tmp_path / "my-arm.toml").read_text(encoding="utf-8")
+    assert f'# not measured: {reason}\nname = "{name}"' in written
+    # In the poses that were measured the file moves as the arm does, whatever the axis of that joint.
+    used = np.concatenate([circle.rows for circle in measured.circles if circle.joint != joint])
+    base, tips = measured.table.base, read_arm(tmp_path / "my-arm.toml").chain.tip_in_base(session.angles[used])
+    np.testing.assert_allclose(tips @ base[:3, :3].T + base[:3, 3], session.points[used], atol=0.15)  # mm; noise 0.02
+    return reason
+
+
+def test_a_joint_without_circle_is_marked_and_the_others_are_written(circles, tmp_path):
     session = circles[1]
-    keep = np.r_[0:36, 48:72]
-    refused(session.rows(keep), "J4 has no circle")
+    assert "J4 has no circle" in marked(session.rows(np.r_[0:36, 48:72]), 3, tmp_path)
 
 
-def test_two_joints_that_move_together_are_named(circles):
+def test_the_first_joint_may_fail(circles, tmp_path):
+    assert "J1 has no circle" in marked(circles[1].rows(np.r_[12:72]), 0, tmp_path)
+
+
+def test_two_joints_that_move_together_are_named(circles, tmp_path):
     chain, session = circles
     angles = session.angles.copy()
     angles[24:36, 1] += np.radians(np.linspace(0, 40, 12))
-    error = refused(ta.Session(angles, chain.tip_in_base(angles)), "J3 has no circle")
-    assert "together with J2" in str(error)
+    assert "together with J2" in marked(ta.Session(angles, chain.tip_in_base(angles)), 2, tmp_path)
 
 
-def test_a_target_on_the_axis_of_the_last_joint_needs_an_offset(circles):
+def test_a_target_on_the_axis_of_the_last_joint_needs_an_offset(circles, tmp_path):
     chain, session = circles
     on_axis = Chain(chain.fixed, [0.0, 0.0, 50.0])
     flat = np.array(on_axis.fixed)
     flat[-1] = np.eye(4)
     on_axis = Chain(flat, [0.0, 0.0, 50.0])
     points = on_axis.tip_in_base(session.angles) + np.random.default_rng(1).normal(0, 0.02, session.points.shape)
-    error = refused(ta.Session(session.angles, points), "from the axis of J6")
-    assert "off that axis" in str(error)
+    reason = marked(ta.Session(session.angles, points), 5, tmp_path)
+    assert "from the axis of J6" in reason
+    assert "off that axis" in reason
+
+
+@pytest.mark.parametrize(("points", "span_deg"), [(12, 60.0), (8, 120.0)])
+def test_the_radius_that_a_plan_asks_for_gives_the_direction_that_it_says(points, span_deg):
+    planned = ta.plan_circles(1, points=points, span_deg=span_deg, noise_mm=0.5)
+    radius, rng = planned.radius_needed(1.0), np.random.default_rng(5)
+    circle = radius * np.stack([np.cos(planned.turns), np.sin(planned.turns), 0 * planned.turns], axis=1)
+    tilts = []
+    for _ in range(400):
+        session = ta.Session(planned.turns[:, None], circle + rng.normal(0, 0.5, circle.shape))
+        (found,) = joint_circles(session, np.array([False])).circles
+        tilts.append(found.direction[:2])
+    # Standard deviation across the least certain direction; 400 draws show it to 4 %.
+    largest = np.sqrt(np.linalg.eigvalsh(np.cov(np.array(tilts).T))[-1])
+    assert np.degrees(largest) == pytest.approx(1.0, rel=0.12)
+    assert direction_std(planned.turns, 0.5, radius) == pytest.approx(np.radians(1.0))
+
+
+def test_a_plan_says_its_radii(tmp_path):
+    planned = ta.plan_circles(5, noise_mm=1.0)
+    assert planned.radius_needed(1.0) == pytest.approx(2 * planned.radius_needed(2.0))
+    assert planned.radius_needed(1.0, span_deg=120) < 0.3 * planned.radius_needed(1.0)
+    planned.save(tmp_path / "circles.csv")
+    assert f"the target {planned.radius_needed(2.0):.0f} mm or more" in (tmp_path / "circles.csv").read_text("utf-8")
+    with pytest.raises(InputError, match="uncertainty of a coordinate"):
+        ta.plan_circles(5, noise_mm=0.0)
 
 
 def test_an_arc_that_is_too_short_for_its_noise_is_named(circles):

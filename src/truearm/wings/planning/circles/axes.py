@@ -19,13 +19,12 @@ from scipy.spatial.transform import Rotation
 from truearm.arm import Chain
 from truearm.arm.nearest_table import NEARLY_PARALLEL
 from truearm.arm.rigid_motions import rotation_from_z_to, screw_z
+from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.solve import DenseProblem, gauss_newton
-from truearm.typing import BoolArray, FloatArray
-from truearm.wings.planning.circles.joint_circles import JointCircle
+from truearm.typing import BoolArray, FloatArray, IntArray
+from truearm.wings.planning.circles.joint_circles import MAX_DIRECTION_STD, Circles, JointCircle, radius_needed
 
-# An axis that is more uncertain than this describes no arm [rad].
-MAX_DIRECTION_STD = 0.1
 # Circles that scatter together by so many times as much as one by one, and by so much, are not of one arm, base and
 # target: arms bend by less.
 MAX_SCATTER_RATIO, MAX_SCATTER_MM = 3.0, 2.0
@@ -46,6 +45,8 @@ class Axes:
     is_prismatic : (n_joints,) array of bool
     target : (3,) array
         [mm].
+    is_measured : (n_joints,) array of bool
+        Whether circles show the axis; one that none shows stays where it is.
     """
 
     pose: FloatArray
@@ -53,16 +54,22 @@ class Axes:
     points: FloatArray
     is_prismatic: BoolArray
     target: FloatArray
+    is_measured: BoolArray
 
     @property
     def n_parameters(self) -> int:
         """Number of components of a step of `moved`."""
-        return 3 + int(np.where(self.is_prismatic, 2, 4).sum())
+        return 3 + int(self.n_own.sum())
+
+    @property
+    def n_own(self) -> IntArray:
+        """(n_joints,) the number of those of each axis."""
+        return np.where(self.is_measured, np.where(self.is_prismatic, 2, 4), 0)
 
     def moved(self, step: FloatArray) -> Self:
         """A step is the target's shift, then from the last joint to the first tilt and shift of its axis."""
         directions, points, at = self.directions.copy(), self.points.copy(), 3
-        for i in reversed(range(len(self.pose))):
+        for i in reversed(np.flatnonzero(self.is_measured).tolist()):
             across = rotation_from_z_to(self.directions[i])[:, :2]
             directions[i] += across @ step[at : at + 2]
             directions[i] /= np.linalg.norm(directions[i])
@@ -101,7 +108,8 @@ class Axes:
                 moved = np.einsum("mxy,my->mx", R, v)
                 p, gained = c + moved, np.cross(w, moved) * turn
                 by_step, by_gain = R @ by_step, R @ by_gain
-            by_step = np.concatenate([by_step, np.stack(own, axis=2)], axis=2)
+            if self.is_measured[i]:
+                by_step = np.concatenate([by_step, np.stack(own, axis=2)], axis=2)
             by_gain = np.concatenate([by_gain, gained[:, :, None]], axis=2)
         return p, by_step, by_gain
 
@@ -166,21 +174,27 @@ class EstimatedAxes:
 
     @property
     def direction_std(self) -> FloatArray:
-        """(n_joints,) largest standard uncertainty of each axis's direction [rad]."""
-        n_own = np.where(self.axes.is_prismatic, 2, 4)
-        first = 3 + np.cumsum([0, *n_own[:0:-1]])[::-1]
+        """(n_joints,) largest standard uncertainty of each axis's direction [rad]; infinite of one not measured."""
+        first = 3 + np.cumsum([0, *self.axes.n_own[:0:-1]])[::-1]
         blocks = [self.covariance[i : i + 2, i : i + 2] for i in first.tolist()]
-        return np.sqrt([np.linalg.eigvalsh(block)[-1] for block in blocks])
+        stds = [
+            np.sqrt(np.linalg.eigvalsh(block)[-1]) if measured else np.inf
+            for block, measured in zip(blocks, self.axes.is_measured, strict=True)
+        ]
+        return np.array(stds)
 
 
-def estimate_axes(session: Session, circles: Sequence[JointCircle], is_prismatic: BoolArray) -> EstimatedAxes:
+def estimate_axes(session: Session, measured: Circles, is_prismatic: BoolArray) -> EstimatedAxes:
     """Axes by least squares over all points of all circles, weighted by their uncertainties where these are stated.
+
+    The axis of a joint that failed goes through the target, across the axis before (after the first joint).
 
     Raises
     ------
     InputError
         If the circles do not determine the axes.
     """
+    circles = measured.circles
     assert session.points is not None  # the circles are of points
     rows = np.unique(np.concatenate([circle.rows for circle in circles]))
     angles, points = session.angles[rows], session.points[rows]
@@ -192,7 +206,8 @@ def estimate_axes(session: Session, circles: Sequence[JointCircle], is_prismatic
         found, by_step, _ = axes.targets(angles)
         return (weight * (found - points)).ravel(), (weight[:, :, None] * by_step).reshape(points.size, -1)
 
-    start = _start(session, circles, is_prismatic)
+    is_measured = np.array([joint not in measured.failed for joint in range(session.n_joints)])
+    start = _start(session, circles, is_prismatic, is_measured)
     axes = gauss_newton(DenseProblem(residuals_and_jacobian), start, move=Axes.moved).x
     found, by_step, by_gain = axes.targets(angles)
     residuals = found - points
@@ -207,12 +222,12 @@ def estimate_axes(session: Session, circles: Sequence[JointCircle], is_prismatic
         variance = max(variance, 1.0)
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
     # One Gauss-Newton step of all gains beside the axes.
-    of_gains = (weight[:, :, None] * by_gain[:, :, ::-1]).reshape(points.size, -1)
+    of_gains = (weight[:, :, None] * by_gain[:, :, ::-1] * is_measured).reshape(points.size, -1)
     beside = of_gains - jacobian @ np.linalg.lstsq(jacobian, of_gains, rcond=None)[0]
     gram = np.linalg.pinv(beside.T @ beside)
     gains = 1 - gram @ (beside.T @ (weight * residuals).ravel())
     left = (weight * residuals).ravel() + beside @ (gains - 1)
-    gain_std = np.sqrt(gram.diagonal() * float(left @ left) / max(n_free - len(gains), 1))
+    gain_std = np.sqrt(np.maximum(gram.diagonal(), 0.0) * float(left @ left) / max(n_free - len(gains), 1))
     std = float(np.sqrt((residuals**2).sum() / n_free))
     estimated = EstimatedAxes(axes, covariance, std, gains, gain_std)
     _check(session, circles, estimated)
@@ -231,32 +246,35 @@ def _check(session: Session, circles: Sequence[JointCircle], estimated: Estimate
         )
 
 
-def check_directions(session: Session, circles: Sequence[JointCircle], estimated: EstimatedAxes) -> None:
-    """Refuse axes that are too uncertain to describe an arm.
-
-    Raises
-    ------
-    InputError
-    """
-    worst = int(np.argmax(estimated.direction_std))
-    if (tilt := estimated.direction_std[worst]) > MAX_DIRECTION_STD:
-        own = max((one for one in circles if one.joint == worst), key=lambda one: one.travel)
-        travel = f"{own.travel:.0f} mm" if own.radius_mm == 0 else f"{np.degrees(own.travel):.0f} deg"
-        raise session.error(
-            f"the axis of J{worst + 1} is uncertain by {np.degrees(min(tilt, np.pi)):.2g} deg: {len(own.rows)} points "
-            f"over {travel}, {own.radius_mm:.0f} mm from the axis, scatter by {estimated.residual_std_mm:.2g} mm",
+def uncertain_directions(
+    session: Session, circles: Sequence[JointCircle], estimated: EstimatedAxes
+) -> dict[int, InputError]:
+    """The joints whose axes are too uncertain to describe an arm, and why."""
+    faults = {}
+    uncertain = estimated.axes.is_measured & (estimated.direction_std > MAX_DIRECTION_STD)
+    for joint in np.flatnonzero(uncertain).tolist():
+        own = max((one for one in circles if one.joint == joint), key=lambda one: one.travel)
+        slides, noise = own.radius_mm == 0, estimated.residual_std_mm
+        travel = f"{own.travel:.0f} mm" if slides else f"{np.degrees(own.travel):.0f} deg"
+        tilt = np.degrees(min(estimated.direction_std[joint], np.pi))
+        needed = radius_needed(session.angles[own.rows, joint], noise, MAX_DIRECTION_STD)
+        farther = "" if slides else f", with the target {max(needed, own.radius_mm):.0f} mm or more from that axis"
+        faults[joint] = session.error(
+            f"the axis of J{joint + 1} is uncertain by {tilt:.2g} deg: {len(own.rows)} points over {travel}, "
+            f"{own.radius_mm:.0f} mm from the axis, scatter by {noise:.2g} mm",
             int(own.rows[0]),
-            hint="read more points over a longer arc, with the target farther from that axis",
+            hint=f"read more points over a longer arc{farther}",
         )
+    return faults
 
 
-def _start(session: Session, circles: Sequence[JointCircle], is_prismatic: BoolArray) -> Axes:
+def _start(session: Session, circles: Sequence[JointCircle], is_prismatic: BoolArray, is_measured: BoolArray) -> Axes:
     """Axes from the circles one by one, base first: each is brought to the pose by the joints before it."""
     assert session.points is not None
     pose = np.median(session.angles[np.concatenate([circle.rows for circle in circles])], axis=0)
     n = len(pose)
-    axes = Axes(pose, np.tile([0.0, 0.0, 1.0], (n, 1)), np.zeros((n, 3)), is_prismatic, np.zeros(3))
-    for joint in range(n):
+    axes = Axes(pose, np.tile([0.0, 0.0, 1.0], (n, 1)), np.zeros((n, 3)), is_prismatic, np.zeros(3), is_measured)
+    for joint in np.flatnonzero(is_measured).tolist():
         best = min((one for one in circles if one.joint == joint), key=lambda one: one.direction_std)
         stood = np.median(session.angles[best.rows], axis=0)
         stood[joint:] = pose[joint:]
@@ -265,13 +283,26 @@ def _start(session: Session, circles: Sequence[JointCircle], is_prismatic: BoolA
         axes.points[joint], axes.directions[joint] = first, (second - first) / np.linalg.norm(second - first)
     rows = circles[-1].rows
     targets = [_before(axes, session.angles[row], session.points[row], n) for row in rows.tolist()]
-    return replace(axes, target=np.mean(targets, axis=0))
+    axes = replace(axes, target=np.mean(targets, axis=0))
+    for joint in np.flatnonzero(~is_measured).tolist():
+        known = np.flatnonzero(is_measured)
+        beside = int(known[known < joint][-1] if (known < joint).any() else known[0])
+        axes.points[joint], axes.directions[joint] = axes.target, _across(axes, beside)
+    return axes
+
+
+def _across(axes: Axes, joint: int) -> FloatArray:
+    """The direction from the axis of a joint to the target, at a right angle to it."""
+    w = axes.directions[joint]
+    from_axis = axes.target - axes.points[joint]
+    across = from_axis - w * (w @ from_axis)
+    size = float(np.linalg.norm(across))
+    return across / size if size > 0 else rotation_from_z_to(w)[:, 0]
 
 
 def _before(axes: Axes, angles: FloatArray, point: FloatArray, n: int) -> FloatArray:
     """Where a point that the first n joints carry is in the pose of the axes, if it is at `point` at `angles`."""
-    for w, c, slides, turn in zip(
-        axes.directions[:n], axes.points[:n], axes.is_prismatic, angles - axes.pose, strict=False
-    ):
-        point = point - turn * w if slides else c + Rotation.from_rotvec(-turn * w).apply(point - c)
+    for i in np.flatnonzero(axes.is_measured[:n]).tolist():
+        w, c, turn = axes.directions[i], axes.points[i], angles[i] - axes.pose[i]
+        point = point - turn * w if axes.is_prismatic[i] else c + Rotation.from_rotvec(-turn * w).apply(point - c)
     return point

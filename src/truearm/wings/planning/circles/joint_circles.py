@@ -14,12 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Others within these of each other stand still: robots hold 0.01 deg, a hand that turns one hinge of a measuring arm
 # moves its neighbours by tenths. The axes are estimated with the angles as they are.
 STILL_RAD, STILL_MM = float(np.radians(1.0)), 5.0
+# An axis that is more uncertain than this describes no arm [rad].
+MAX_DIRECTION_STD = 0.1
 # A circle or line of less is none.
 LEAST_POINTS, LEAST_ARC, LEAST_TRAVEL_MM = 5, float(np.radians(10.0)), 10.0
 # A target nearer to an axis shows nothing of it.
@@ -59,25 +62,71 @@ class JointCircle(NamedTuple):
     direction_std: float
 
 
-def joint_circles(session: Session, is_prismatic: BoolArray) -> tuple[JointCircle, ...]:
-    """Every circle in a session, in the order of the joints.
+class Circles(NamedTuple):
+    """The circles of a session, and the joints that have none.
+
+    Attributes
+    ----------
+    circles : tuple of JointCircle
+        In the order of the joints; of every joint that has one.
+    failed : dict of int to InputError
+        Joints, counted from 0, whose axis does not show, and why.
+    """
+
+    circles: tuple[JointCircle, ...]
+    failed: dict[int, InputError]
+
+
+def joint_circles(session: Session, is_prismatic: BoolArray) -> Circles:
+    """Every circle in a session.
 
     Raises
     ------
     InputError
-        If a joint has none, or one that does not show its axis.
+        If no joint has a circle that shows its axis.
     """
     if session.points is None:
         raise session.error("expected the points of circles (x_mm, y_mm, z_mm), got none")
     circles: list[JointCircle] = []
+    failed: dict[int, InputError] = {}
     for joint in range(session.n_joints):
         blocks = list(_blocks(session, joint, is_prismatic))
-        if not blocks:
-            raise _missing(session, joint, is_prismatic)
         found = [_fitted(session, joint, rows, slides=bool(is_prismatic[joint])) for rows in blocks]
-        _check(session, min(found, key=lambda circle: circle.direction_std))
-        circles += found
-    return tuple(circles)
+        fault = _missing(session, joint, is_prismatic) if not found else _too_small(session, found)
+        if fault is None:
+            circles += found
+        else:
+            failed[joint] = fault
+    if not circles:
+        raise failed[0]
+    return Circles(tuple(circles), failed)
+
+
+def direction_std(turns: FloatArray, noise_mm: float, radius_mm: float) -> float:
+    """Largest standard uncertainty of the direction of an axis from one circle [rad].
+
+    Noise of the circle's two coefficient vectors across their plane tilts it.
+
+    Parameters
+    ----------
+    turns : (m,) array
+        Angles of the points on the circle [rad].
+    noise_mm : float
+        Standard uncertainty of a coordinate.
+    radius_mm : float
+    """
+    design = np.stack([np.ones(len(turns)), np.cos(turns), np.sin(turns)], axis=1)
+    return noise_mm * float(np.sqrt(_coefficient_variance(design))) / radius_mm
+
+
+def radius_needed(turns: FloatArray, noise_mm: float, direction_std_rad: float) -> float:
+    """Distance of a target from an axis [mm] at which its direction is known so well; see `direction_std`."""
+    return direction_std(turns, noise_mm, 1.0) / direction_std_rad
+
+
+def _coefficient_variance(design: FloatArray) -> float:
+    """Largest variance of the coefficients but the first, of unit noise."""
+    return float(np.linalg.pinv(design.T @ design).diagonal()[1:].max())
 
 
 def _blocks(session: Session, joint: int, is_prismatic: BoolArray) -> Iterator[IntArray]:
@@ -93,7 +142,7 @@ def _blocks(session: Session, joint: int, is_prismatic: BoolArray) -> Iterator[I
             yield np.flatnonzero(together)
 
 
-def _missing(session: Session, joint: int, is_prismatic: BoolArray) -> Exception:
+def _missing(session: Session, joint: int, is_prismatic: BoolArray) -> InputError:
     slides = bool(is_prismatic[joint])
     verb, least = ("slides", f"{LEAST_TRAVEL_MM:g} mm") if slides else ("turns", f"{np.degrees(LEAST_ARC):.0f} deg")
     still = np.where(is_prismatic, STILL_MM, STILL_RAD)
@@ -130,18 +179,18 @@ def _fitted(session: Session, joint: int, rows: IntArray, *, slides: bool) -> Jo
     radius = 0.0 if slides else float(np.sqrt(size))
     direction = along / size if size > 0 else np.array([0.0, 0.0, 1.0])
     lever = size if slides else radius
-    # Noise of A and B across their plane tilts it; that of a line's direction turns it.
-    variance = np.linalg.pinv(design.T @ design).diagonal()[1:].max()
-    tilt = std * float(np.sqrt(variance)) / lever if lever > 0 and rank == design.shape[1] else np.inf
+    is_determined = lever > 0 and rank == design.shape[1]
+    tilt = std * float(np.sqrt(_coefficient_variance(design))) / lever if is_determined else np.inf
     return JointCircle(joint, rows, direction, found[0], radius, float(np.ptp(angles)), std, tilt)
 
 
-def _check(session: Session, circle: JointCircle) -> None:
-    """Refuse a joint whose best circle is too small to show its axis."""
-    name, row = f"J{circle.joint + 1}", int(circle.rows[0])
-    if 0 < circle.radius_mm < LEAST_RADIUS_MM:
-        raise session.error(
-            f"the target is {circle.radius_mm:.2g} mm from the axis of {name}, and its circle shows no axis",
-            row,
-            hint="mount the target some 100 mm off that axis (a plate or an angle on the flange) for all circles",
-        )
+def _too_small(session: Session, circles: list[JointCircle]) -> InputError | None:
+    """The fault of a joint whose best circle is too small to show its axis."""
+    circle = min(circles, key=lambda one: one.direction_std)
+    if not 0 < circle.radius_mm < LEAST_RADIUS_MM:
+        return None
+    return session.error(
+        f"the target is {circle.radius_mm:.2g} mm from the axis of J{circle.joint + 1}, and its circle shows no axis",
+        int(circle.rows[0]),
+        hint="mount the target some 100 mm off that axis (a plate or an angle on the flange) for all circles",
+    )
