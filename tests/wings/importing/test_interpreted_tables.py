@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import truearm as ta
 from truearm.errors import InputError
 from truearm.wings.importing.foreign import JointScale, TableColumns
 from truearm.wings.importing.foreign.no_readings import far_turned, lost_targets, not_seen, statistics_at_ends
@@ -363,3 +364,33 @@ def test_stated_columns_win_over_recognised_ones():
     both = stated.or_else(known)
     assert (both.angles, both.points, both.point_std) == (("q1",), ("a", "b", "c"), ())
     assert both.others == {"tip": "probe", "anchor": "w"}
+
+
+def test_all_that_is_missing_is_said_at_once(tmp_path):
+    """Two runs of joints and two sets of points; then their units."""
+    names = [
+        "left_j1",
+        "left_j2",
+        "right_j1",
+        "right_j2",
+        *(f"{who}_{axis}" for who in ("ref", "tip") for axis in "xyz"),
+    ]
+    rows = np.random.default_rng(1).uniform(-1, 1, (12, len(names)))
+    table = tmp_path / "log.csv"
+    table.write_text("\n".join([",".join(names), *(",".join(f"{v:.4f}" for v in row) for row in rows)]), "utf-8")
+    with pytest.raises(InputError) as caught:
+        ta.import_table(table)
+    said = str(caught.value)
+    assert said.startswith("2 faults")
+    assert "may be the joint angles" in said
+    assert "may be the points" in said
+    with pytest.raises(InputError) as caught:
+        ta.import_table(table, TableColumns(angles=names[:2], points=names[-3:]))
+    said = str(caught.value)
+    assert "the unit of the joint angles is not stated" in said
+    assert "the unit of the points is not stated" in said
+    with pytest.raises(InputError, match="there are no columns 'J1', 'J2'; the columns are left_j1"):
+        ta.import_table(table, TableColumns(angles=["J1", "J2"], points=names[-3:]))
+    with pytest.raises(InputError) as caught:
+        ta.import_table(table, TableColumns(points=names[-3:]), JointScale("counts"))
+    assert "may be the joint angles" in str(caught.value)

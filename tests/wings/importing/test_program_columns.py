@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
 from truearm.wings.importing.foreign.program_columns import recognise_program_columns, split_unit
@@ -228,10 +227,38 @@ def test_a_session_file_means_itself():
     ],
 )
 def test_two_readings_are_asked(names, what):
-    with pytest.raises(InputError, match=what) as error:
-        recognise_program_columns(names)
-    assert error.value.hint is not None
-    assert error.value.hint.startswith("--")
+    found = recognise_program_columns(names)
+    (doubt,) = (one for one in (found.no_angles, found.no_points) if one is not None)
+    assert what in doubt.problem
+    assert doubt.hint.startswith("--")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3"],  # a UR's pendant
+        ["Base [deg]", "Shoulder [deg]", "Elbow [deg]", "Wrist1 [deg]", "Wrist2 [deg]", "Wrist3 [deg]"],
+        ["Base Joint", "Shoulder Joint", "Elbow Joint", "Wrist 1 Joint", "Wrist 2 Joint", "Wrist 3 Joint"],
+        ["shoulder_joint", "upperArm_joint", "foreArm_joint", "wrist1_joint", "wrist2_joint", "wrist3_joint"],  # AUBO
+        [f"right_{joint}" for joint in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")],  # Baxter
+        [*(f"joint{i + 1}_to_joint{i}" for i in range(1, 6)), "joint6output_to_joint6"],  # myCobot
+        [f"{letter}-Axis" for letter in "SLURBT"],  # Yaskawa
+        [*"SLEURBT"],
+        [f"E6AXIS.A{i}" for i in range(1, 7)],  # KUKA
+        [f"robax.rax_{i}" for i in range(1, 7)],  # ABB
+        [f"GP1 J{i}" for i in range(1, 7)],  # Fanuc
+        [f"fr3_joint{i}" for i in range(1, 8)],  # Franka
+        [f"jnt.j{i}" for i in range(1, 7)],  # Staubli
+        [f"QActual{i}" for i in range(1, 7)],  # Dobot
+        [f"posj_{i}" for i in range(1, 7)],  # Doosan
+        [f"AX{i}" for i in range(1, 7)],  # Comau
+    ],
+)
+def test_joints_as_their_makers_call_them(names):
+    """Base to tip, whatever stands beside them and in whatever order the columns are."""
+    found = recognise_program_columns([*reversed(names), "X", "Y", "Z", "Time"])
+    assert found.columns.angles == tuple(names)
+    assert found.columns.points == ("X", "Y", "Z")
 
 
 def test_a_missing_joint_is_named():

@@ -36,9 +36,14 @@ _UNITS_OF_NAMES += ("degC", "degF", "K", "kg", "g", "Nm", "mNm", "A", "mA")
 # Joints that have names instead of numbers, base to tip.
 _NAMED_JOINTS = {
     "UR": ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+    "UR's pendant": ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+    "AUBO": ("shoulder", "upperarm", "forearm", "wrist_1", "wrist_2", "wrist_3"),
     "Interbotix": ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate"),
     "LeRobot": ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
+    "Baxter": ("s_0", "s_1", "e_0", "e_1", "w_0", "w_1", "w_2"),
+    "myCobot": (*(f"joint_{i + 1}_to_joint_{i}" for i in range(1, 6)), "joint_6output_to_joint_6"),
     "Yaskawa": ("s", "l", "u", "r", "b", "t"),
+    "Yaskawa of 7 axes": ("s", "l", "e", "u", "r", "b", "t"),
 }
 # Numbered joints: program, the unit that it fixes, and the name up to an end such as _pos. A program's own names win.
 _NUMBERED_JOINTS = tuple(
@@ -49,15 +54,17 @@ _NUMBERED_JOINTS = tuple(
     )
     for program, unit, name in (
         ("UR RTDE", "rad", "actual_q"),
-        ("KUKA", "deg", "(?:axis_act|axisact|aipos)_a"),
+        ("KUKA", "deg", "(?:axis_act|axisact|aipos|e6axis)_a"),
         ("ABB", "deg", "rax"),
+        ("Dobot", "deg", "q_?actual"),
+        ("Doosan", "deg", "posj"),
         ("libfranka", "rad", "state_q"),
         ("Kinova Kortex", "deg", "actuators?"),
         ("ROS JointState", "rad", "(?:field|msg|joint_?states?)_position"),
         ("", "counts", "enc|encoder|counts?|ticks?|pulses?"),
         ("", None, "position"),
         ("", None, "q"),
-        ("", None, "j|a|joint|jnt|joint_?(?:angle|pos|position|value)s?|(?:joint|panda|fr3|iiwa)_[aj]"),
+        ("", None, "j|a|ax|joint|jnt|joint_?(?:angle|pos|position|value)s?|(?:joint|panda|fr3|iiwa)_[aj]"),
         ("", None, "theta|th|θ|angle|winkel|axis|axe|achse|gelenk|articulacion|关节|关节角|轴"),
     )
 )
@@ -118,8 +125,8 @@ class ProgramColumns:
         What was recognised, to be printed, by the field of `columns`.
     remarks : tuple of str
         What looks like a reference and is none, or may mean two things; a sentence each.
-    no_angles : InputError, optional
-        Why columns that may be joint angles are not taken for them, where no others are.
+    no_angles, no_points : InputError, optional
+        Why columns that may be joint angles or reference points are not taken for them, where no others are.
     """
 
     columns: TableColumns
@@ -130,6 +137,7 @@ class ProgramColumns:
     phrases: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     no_angles: InputError | None = None
+    no_points: InputError | None = None
 
 
 @dataclass(frozen=True)
@@ -195,11 +203,6 @@ def recognise_program_columns(
         As `Table` has them: without its columns' cells a quaternion in numbers passes for four joints.
     stated : TableColumns, optional
         Columns that a person states: they are nothing else, and what they hold is not looked for.
-
-    Raises
-    ------
-    InputError
-        If two runs of columns may be the joint angles, or the reference points.
 
     Examples
     --------
@@ -295,7 +298,8 @@ def _chosen_joints(table: Sequence[_Name], doubts: list[InputError]) -> _Joints 
     if len(own) > 1:
         both = " and ".join(_span(run.columns) for run in own)
         hint = f"--angles '{','.join(_labels(own[0].columns))}'"
-        raise InputError(f"two runs of columns may be the joint angles: {both}", hint=hint)
+        doubts.insert(0, InputError(f"two runs of columns may be the joint angles: {both}", hint=hint))
+        return None
     return own[0] if own else None
 
 
@@ -357,14 +361,16 @@ def _named(table: Sequence[_Name]) -> list[_Joints]:
     for program, order in _NAMED_JOINTS.items():
         name = "|".join(sorted(order, key=len, reverse=True))
         before = r"(?:.*_)?" if len(order[0]) > 1 else ""
-        pattern = re.compile(rf"{before}(?P<joint>{name})(?:_joint)?(?:_(?:pos|position|angle|q))?")
-        found = [(match["joint"], column) for column in table if (match := pattern.fullmatch(column.stem))]
+        pattern = re.compile(rf"{before}(?P<joint>{name})(?:_(?:joint|axis|achse))?(?:_(?:pos|position|angle|q))?")
+        spaced = [re.sub(r"(?<=[a-z])(?=\d)", "_", column.stem) for column in table]  # wrist1 as wrist_1
+        matches = [(pattern.fullmatch(stem), column) for stem, column in zip(spaced, table, strict=True)]
+        found = [(match["joint"], column) for match, column in matches if match]
         columns = dict(found)
         if len(found) == len(columns) == len(order):
             ordered = tuple(columns[joint] for joint in order)
             is_ros = all("/position" in column.written or "_joint" in column.stem for column in ordered)
             runs.append(_Joints("ROS JointState" if is_ros else program, ordered, "rad" if is_ros else None))
-    return runs
+    return [run for run in runs if not any({*run.columns} < {*other.columns} for other in runs)]
 
 
 def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *, is_stated: bool) -> dict[str, Any]:
@@ -415,9 +421,9 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
     points = [] if is_stated else [columns for rank, columns in ranked if rank in alike[first]]
     if len(points) > 1:
         both = " and ".join(", ".join(_labels(columns)) for columns in points)
-        raise InputError(
-            f"two sets of columns may be the points: {both}", hint=f"--points '{','.join(_labels(points[0]))}'"
-        )
+        hint = f"--points '{','.join(_labels(points[0]))}'"
+        found["no_points"] = InputError(f"two sets of columns may be the points: {both}", hint=hint)
+        points = []
     if points:
         stated = {column.unit for column in points[0]}
         unit = stated.pop() if len(stated) == 1 else None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
 
-from truearm.errors import InputError
+from truearm.errors import FaultCollector, InputError
 from truearm.files.delimited import quoted_cell
 from truearm.readings import Session, has_reference
 from truearm.readings.names import similar_names
@@ -41,7 +41,7 @@ from truearm.wings.importing.foreign.orientations import OrientationUnit, check_
 from truearm.wings.importing.foreign.program_columns import ProgramColumns, recognise_program_columns
 from truearm.wings.importing.foreign.table_columns import OTHER_NAMES, TableColumns
 from truearm.wings.importing.tables.reading import read_table
-from truearm.wings.importing.tables.table import Table, TableForm, listed
+from truearm.wings.importing.tables.table import Table, TableForm, columns_named, listed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -240,11 +240,14 @@ def read_foreign_tables(
     """
     first, *more = tables
     known, *of_more = (recognise_program_columns(one.names, one.units, columns, one.columns) for one in tables)
-    if known.no_angles is not None:
-        raise first.error(known.no_angles.problem, hint=known.no_angles.hint)
     if not more:
         return interpret_table(first, columns, scale, known=known, **meaning)
     points, tip = more[0], of_more[0]
+    faults = FaultCollector()
+    for one, fault in ((first, known.no_angles), (points, tip.no_points)):
+        with faults.collect():
+            _raise_of(one, fault)
+    faults.raise_any()
     # Where names tell nothing, the columns of numbers that are no times and do not count the rows do.
     angles = columns.angles or known.columns.angles or [str(i + 1) for i in measured_columns(first)]
     at = columns.points or tip.columns.points or [str(i + 1) for i in measured_columns(points)]
@@ -278,6 +281,12 @@ def read_foreign_tables(
         stated = replace(stated, orientation=there(columns.orientation))
     recognised = _recognised_of_both(replace(known, columns=replace(known.columns, angles=angles)), tip, of_tip)
     return interpret_table(joined, stated, scale, known=recognised, **meaning)
+
+
+def _raise_of(table: Table, fault: InputError | None) -> None:
+    """Raise a fault of a table's columns, if there is one, with the file and the line."""
+    if fault is not None:
+        raise table.error(fault.problem, hint=fault.hint)
 
 
 def _state_name(fields: dict[str, Any], name: str, stated: str | None, column: object, n: int) -> None:
@@ -348,20 +357,25 @@ def interpret_table(
         columns = _whole_columns(table, columns, known, orientation_unit, remarks)
         assumed += [said for k, said in known.phrases.items() if getattr(columns, k) == getattr(known.columns, k)]
         remarks += known.remarks
-    if not columns.angles:
-        raise table.error(
-            f"no column of joint angles is known among {listed(table.names)}",
-            hint=_columns_hint(table),
-        )
-    check_orientation_columns(len(columns.orientation), orientation_unit, orientation_order)
-    if scale.unit is not None:  # wrong numbers of signs or zeros before all else
-        scale.to_angles(np.zeros((1, len(columns.angles))))
-    _check_once(table, columns)
-    table = _readings_of(table, columns, remarks)
+    faults = _column_faults(table, columns, known)
+    with faults.collect():
+        check_orientation_columns(len(columns.orientation), orientation_unit, orientation_order)
+    if scale.unit is not None and columns.angles:  # wrong numbers of signs or zeros before all else
+        with faults.collect():
+            scale.to_angles(np.zeros((1, len(columns.angles))))
+    if columns.angles:
+        table = _readings_of(table, columns, remarks)
     values, points = _numbers(table, columns.angles), _numbers(table, columns.coordinates)
-    scale = settle_joint_units(scale, table, columns.angles, units, values, assumed)
+    if columns.angles:
+        with faults.collect():
+            scale = settle_joint_units(scale, table, columns.angles, units, values, assumed)
+            if not faults.error():
+                scale.to_angles(values[:1])
     of_program = None if known is None or columns.points != known.columns.points else known.point_unit
-    point_units = settle_point_units(table, columns.coordinates, of_program, points, assumed, point_unit)
+    point_units: list[PointUnit] = []
+    with faults.collect():
+        point_units = settle_point_units(table, columns.coordinates, of_program, points, assumed, point_unit)
+    faults.raise_any()
     unit, points = point_units[0], points * [mm_of(one) for one in point_units]
     fields = _tip_fields(table, columns, points, unit, orientation_unit, orientation_order, remarks)
     fields |= _other_fields(table, columns, unit)
@@ -380,6 +394,32 @@ def interpret_table(
     remarks += map(str, similar_names(session))
     _name_unread(table, columns, session, remarks)
     return ImportedTable(session, columns, tuple(scale.units(session.n_joints)), tuple(assumed), tuple(remarks))
+
+
+def _column_faults(table: Table, columns: TableColumns, known: ProgramColumns | None) -> FaultCollector:
+    """What is missing or ambiguous among the columns.
+
+    Raises
+    ------
+    InputError
+        With all of it, if a column that is stated is none of the table's: nothing is read then.
+    """
+    faults = FaultCollector()
+    with faults.collect():
+        _raise_of(table, None if known is None or columns.angles else known.no_angles)
+        if not columns.angles:
+            problem = f"no column of joint angles is known among {listed(table.names)}"
+            raise table.error(problem, hint=_columns_hint(table))
+    with faults.collect():
+        _raise_of(table, None if known is None or columns.points else known.no_points)
+    stated = FaultCollector()
+    with stated.collect():
+        _check_columns(table, columns)
+    with faults.collect():
+        stated.raise_any()
+    if stated.error() is not None:
+        faults.raise_any()
+    return faults
 
 
 def _whole_columns(
@@ -491,7 +531,7 @@ def import_points(
     if len(columns) != 3:
         raise InputError(f"expected three columns of points, got {len(columns)}", hint="--points 'X,Y,Z'")
     table = as_table(path, form or TableForm())
-    _check_once(table, TableColumns(points=tuple(columns)))
+    _check_columns(table, TableColumns(points=tuple(columns)))
     points = _numbers(table, columns)
     if np.isnan(points).any():
         row, k = np.argwhere(np.isnan(points))[0].tolist()
@@ -508,8 +548,12 @@ def _check_stated(point_unit: str | None, u_mm: float | None) -> None:
         raise InputError(f"expected a standard uncertainty above zero, got {u_mm:g} mm", hint="--u-mm 0.05")
 
 
-def _check_once(table: Table, columns: TableColumns) -> None:
-    """Refuse columns that are not there, and one that holds two different numbers."""
+def _check_columns(table: Table, columns: TableColumns) -> None:
+    """Refuse columns that are not there, all of them at once, and one that holds two different numbers."""
+    missing = [quoted_cell(one) for one in dict.fromkeys(columns.all()) if not columns_named(table.names, one)]
+    if len(missing) > 1:
+        problem = f"there are no columns {', '.join(missing)}; the columns are {listed(table.names)}"
+        raise table.error(problem, hint="give a column by its number if its name is hard to type")
     others = {name: column for name, column in columns.others.items() if name not in OTHER_NAMES}
     numbers = replace(columns, seat=None, session=None, position=(), others=others)
     indices = [table.index(column) for column in numbers.all()]
