@@ -374,3 +374,17 @@ def test_degrees_are_refused_at_prediction(real, rng):
     model = KinematicModel(real.arm).fit_readings(session)
     with pytest.raises(InputError, match="outside.*check the unit"):
         model.predict(np.degrees(session.angles))
+
+
+@pytest.mark.parametrize("kind", ["nominal", "kinematic", "physical"])
+def test_a_session_is_predicted_with_all_that_it_states(kind, rng):
+    """`predict` takes a session as `predict_readings` does; its angles alone are another thing where it states more."""
+    arm, angles = zigzag(4), rng.uniform(-1, 1, (40, 4))
+    warm = Session(angles, arm.chain.tip_in_base(angles), temperature_degC=rng.uniform(15, 25, 40))
+    model = MODELS[kind](arm).fit_readings(warm)
+    points, covariance = model.predict(warm, return_cov=True)
+    np.testing.assert_array_equal(points, model.predict_readings(warm))
+    np.testing.assert_array_equal(covariance, model.predict_readings(warm, return_cov=True)[1])
+    np.testing.assert_array_equal(model.predict(warm), points)
+    np.testing.assert_array_equal(model.predict_nominal(warm), model.predict_nominal_readings(warm))
+    np.testing.assert_array_equal(model.predict(Session(angles)), model.predict(angles))

@@ -271,18 +271,23 @@ class Compensator(Regressor, ABC):
         return cast("Self", new)
 
     @overload
-    def predict(self, X: npt.ArrayLike, *, return_cov: Literal[False] = False) -> FloatArray: ...
+    def predict(self, X: ReadingsLike | npt.ArrayLike, *, return_cov: Literal[False] = False) -> FloatArray: ...
 
     @overload
-    def predict(self, X: npt.ArrayLike, *, return_cov: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+    def predict(
+        self, X: ReadingsLike | npt.ArrayLike, *, return_cov: Literal[True]
+    ) -> tuple[FloatArray, FloatArray]: ...
 
-    def predict(self, X: npt.ArrayLike, *, return_cov: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
+    def predict(
+        self, X: ReadingsLike | npt.ArrayLike, *, return_cov: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Corrected coordinates.
 
         Parameters
         ----------
-        X : (n, n_joints) array or DataFrame
-            Joint angles [rad], displacements of sliding joints [mm].
+        X : (n, n_joints) array, DataFrame or Session
+            Joint angles [rad], displacements of sliding joints [mm]. Of a session all that the model uses: see
+            `predict_readings`.
         return_cov : bool
             Whether to return the covariance too.
 
@@ -473,7 +478,7 @@ class Compensator(Regressor, ABC):
         out[:, rows] = kelvin[rows, None] * links
         return out
 
-    def predict_nominal(self, angles: npt.ArrayLike) -> FloatArray:
+    def predict_nominal(self, angles: ReadingsLike | npt.ArrayLike) -> FloatArray:
         """(n, 3) tips of the nominal arm, its free parts identified from the same training readings [mm]."""
         return self.predict_nominal_readings(self._checked_angles(angles))
 
@@ -654,7 +659,9 @@ class Compensator(Regressor, ABC):
         self._check_fitted()
         return with_read_angles(self.arm_, Session(self._checked_table(X)))
 
-    def _checked_angles(self, angles: npt.ArrayLike) -> CheckedReadings:
+    def _checked_angles(self, angles: ReadingsLike | npt.ArrayLike) -> CheckedReadings:
+        if isinstance(angles, Session | CheckedReadings):
+            return self.checked(angles)
         self._check_fitted()
         return self.checked(Session(self._checked_table(angles)))
 

@@ -70,3 +70,5 @@ def test_zeros_of_an_identified_arm_are_said_in_counts_of_a_servo():
     np.testing.assert_allclose(found["zero_counts"], np.asarray(found["zero_deg"]) * 4096 / 360)
     assert "counts of 4096" in str(described)
     assert "zero_deg" not in describe_arm(arm).to_dict()
+    assert described.to_frame()["zero_deg"].tolist() == found["zero_deg"]
+    assert set(catalogue().to_frame()["name"]) == set(ta.list_arms())

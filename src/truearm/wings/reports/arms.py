@@ -21,7 +21,7 @@ from truearm.models.identified_model import require_identified
 from truearm.pages.drawings.page_record import PageRecord, version_row
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import ArmLike, ModelLike, is_model_file, to_arm, to_model, to_model_of_tip
-from truearm.verbs.record import Record, TextTable, format_fixed
+from truearm.verbs.record import TableRecord, TextTable, format_fixed
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
@@ -103,7 +103,7 @@ def identified_arm(model: ModelLike) -> Arm:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Catalogue(Record):
+class Catalogue(TableRecord):
     """The arms that are known by name."""
 
     arms: tuple[Arm, ...]
@@ -117,6 +117,16 @@ class Catalogue(Record):
             rows.append(("" if maker == before else maker or "no maker", *cells))
             before = maker
         yield TextTable(("maker", "name", "joints", "reach mm", "what it is"), rows, left_aligned=(0, 1, 4))
+
+    def columns(self) -> dict[str, list[object]]:
+        """A row for each arm."""
+        return {
+            "name": [arm.name for arm in self.arms],
+            "maker": [maker_of(arm.title) for arm in self.arms],
+            "title": [arm.title for arm in self.arms],
+            "n_joints": [arm.n_joints for arm in self.arms],
+            "reach_mm": [arm.chain.reach for arm in self.arms],
+        }
 
     def _json(self) -> object:
         return {
@@ -132,7 +142,7 @@ class Catalogue(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ArmDescription(PageRecord):
+class ArmDescription(TableRecord, PageRecord):
     """The constants of an arm: its D-H table, in the branch nearest to that of a nominal chain. It has a page.
 
     Attributes
@@ -161,6 +171,10 @@ class ArmDescription(PageRecord):
         from truearm.wings.reports.arm_page import arm_page
 
         return arm_page(self.arm, self.table, facts=[version_row()], is_identified=self.nominal is not None)
+
+    def columns(self) -> dict[str, object]:
+        """The D-H table, a row for each joint; of an identified arm the zeros too."""
+        return {"joint": list(self.arm.joint_names), **self.table.columns(), **self._zero_columns()}
 
     def _json(self) -> object:
         """The fixed motions between joints, and a D-H table."""
