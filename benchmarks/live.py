@@ -30,9 +30,8 @@ from truearm.identification.references.alignment import align
 from truearm.identification.terms import ArmState
 from truearm.readings import read_session
 from truearm.typing import FloatArray
-from truearm.wings.bench.recording.corrected_tip import corrected_tip
-from truearm.wings.bench.recording.learning import Learning
-from truearm.wings.bench.recording.poses_to_measure import PosesToMeasure
+from truearm.wings.bench.recording.learning import Learning, PosesToMeasure
+from truearm.wings.bench.recording.model_in_force import corrected_tip
 from truearm.wings.bench.recording.record_readings import record
 from truearm.wings.bench.sources import Sample, Source, StandstillRule
 from truearm.wings.planning.designs.candidates import volume_poses

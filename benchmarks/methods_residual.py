@@ -16,9 +16,9 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.model_selection import GroupKFold
 from sklearn.multioutput import MultiOutputRegressor
 
+from truearm.nets.levenberg_marquardt import trainbr
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.trainbr import trainbr
 from truearm.typing import FloatArray, IntArray
 
 INNER_FOLDS = 3

@@ -19,15 +19,20 @@ from benchmarks.rows import RowResult, Rows, Target, machine, scratch
 from truearm.arm import load_arm
 from truearm.models import Compensator, HybridModel, KinematicModel, PhysicalModel
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.perceptron import MinMaxScaler, Perceptron, nguyen_widrow
 from truearm.nets.train_varpro import train_varpro
 from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.verbs.record import TextTable
-from truearm.wings.gao2017.claim_figures import experiment_box_figure
+from truearm.wings.gao2017.claim_figures import (
+    FILE,
+    BoxRun,
+    ExperimentBoxStudy,
+    experiment_box_figure,
+    load_experiment_box,
+    widths_at,
+)
 from truearm.wings.gao2017.demo import PAPER_NETWORK_MM, PAPER_NOMINAL_MM, PAPER_SETTINGS, experiment
-from truearm.wings.gao2017.experiment_box import FILE, BoxRun, ExperimentBoxStudy, load_experiment_box, widths_at
 from truearm.wings.gao2017.reproduce import reproduce
 from truearm.wings.gao2017.results import METHODS, Method
 from truearm.wings.gao2017.tables import TABLES

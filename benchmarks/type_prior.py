@@ -18,8 +18,8 @@ from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.wings.fleet.type_prior import LearnedTypePrior, learned_from, linearised_arm
 from truearm.wings.importing import datasets
+from truearm.wings.planning.simulate import strategy_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
-from truearm.wings.planning.virtual.session_poses import strategy_poses
 
 ROWS = Rows()
 NOMINAL = "ur10"

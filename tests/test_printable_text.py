@@ -24,7 +24,7 @@ from truearm.pages.pdf import pdf_bytes
 from truearm.printable_text import printable, printable_name
 from truearm.verbs.console import print_line
 from truearm.wings.bench.recording.recording import Recording
-from truearm.wings.bench.recording.recording_event import Event
+from truearm.wings.bench.recording.session_log import Event
 from truearm.wings.bench.recording_view import RecordingView
 from truearm.wings.bench.sources import Source
 from truearm.wings.laboratory.certificate.administrative_data import xml_text

@@ -17,9 +17,8 @@ from benchmarks.rows import scratch
 from truearm.typing import FloatArray
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import Sample, Source
-from truearm.wings.bench.sources.abb_egm import decode_egm
+from truearm.wings.bench.sources.datagrams import decode_egm, decode_rsi
 from truearm.wings.bench.sources.decoded_messages import Repeats
-from truearm.wings.bench.sources.kuka_rsi import decode_rsi
 
 _NUMBERS = itertools.count(1)
 

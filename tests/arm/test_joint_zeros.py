@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truearm.arm import load_arm, read_arm, write_arm
-from truearm.arm.joint_zeros import joint_zeros, table_changes, with_zeros
+from truearm.arm.arm import joint_zeros, table_changes, with_zeros
 
 ARMS = ("gao2017", "ur5", "panda", "gen3lite")
 

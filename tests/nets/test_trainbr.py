@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from truearm.nets.levenberg_marquardt import Evidence, RegularisedProblem, trainbr, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.trainbr import Evidence, RegularisedProblem, trainbr
-from truearm.nets.trainlm import trainlm
 
 NOISE = 0.1
 

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
+from truearm.nets.levenberg_marquardt import trainbr, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.train_varpro import train_varpro
-from truearm.nets.trainbr import trainbr
 from truearm.nets.traingd import traingd, traingdx
 from truearm.nets.training import dividerand
-from truearm.nets.trainlm import trainlm
 
 TRAINERS = [train_varpro, trainlm, trainbr, traingd, traingdx]
 NETWORK = Perceptron.with_layers(1, (4,), 1)

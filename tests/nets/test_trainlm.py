@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from truearm.errors import InputError
+from truearm.nets.levenberg_marquardt import LevenbergMarquardtOptions, trainlm
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import ACTIVATIONS, Perceptron, nguyen_widrow
-from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.perceptron import ACTIVATIONS, MinMaxScaler, Perceptron, nguyen_widrow
 from truearm.nets.train_varpro import train_varpro
-from truearm.nets.trainlm import LevenbergMarquardtOptions, trainlm
 
 
 @pytest.fixture

@@ -7,9 +7,8 @@ import pytest
 
 from truearm.errors import InputError
 from truearm.readings import Session, hold_out, read_session, stratified_rows, write_session
-from truearm.readings.anchors import distance_errors, has_located_anchor
+from truearm.readings.anchors import bars_without_certificate, distance_errors, has_located_anchor, offset_std
 from truearm.readings.checks import check_sessions
-from truearm.readings.distances import bars_without_certificate, offset_std
 from truearm.readings.repeats import merge_repeats
 
 HEAD = "q1_deg,q2_deg,anchor,distance_mm,u_distance_mm,u_offset_mm\n"

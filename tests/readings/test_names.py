@@ -7,7 +7,7 @@ import pytest
 
 import truearm as ta
 from truearm.readings import Lengths, Session
-from truearm.readings.names import similar_names, single_seats
+from truearm.readings.session import similar_names, single_seats
 from truearm.wings.importing.foreign import JointScale, TableColumns
 from truearm.wings.importing.foreign.tables import as_tables, read_foreign_tables
 from truearm.wings.importing.tables.table import TableForm

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sklearn.linear_model import BayesianRidge
 
-from truearm.nets.trainbr import Evidence, update_evidence
+from truearm.nets.levenberg_marquardt import Evidence, update_evidence
 
 
 def test_one_parameter_by_hand():

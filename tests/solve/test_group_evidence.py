@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from truearm.nets.trainbr import Evidence, update_evidence
+from truearm.nets.levenberg_marquardt import Evidence, update_evidence
 from truearm.solve.group_evidence import (
     MIN_GAIN,
     GroupedPrior,

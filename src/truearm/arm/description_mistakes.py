@@ -14,9 +14,8 @@ from itertools import combinations
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm.arm import Arm, with_zeros
 from truearm.arm.denavit_hartenberg import DHTable
-from truearm.arm.joint_zeros import with_zeros
 from truearm.arm.nearest_table import drawn_convention, drawn_table, has_table_form
 from truearm.choices import Convention
 from truearm.errors import InputError

@@ -11,8 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from truearm.files.delimited import MAX_BYTES, Sheet, as_utf8, first_line, quoted_cell, split_line
-from truearm.files.file_reading import read_limited
-from truearm.files.text_encoding import CHINESE, WINDOWS, recognise_encoding
+from truearm.files.file_reading import CHINESE, WINDOWS, read_limited, recognise_encoding
 
 # Comma first: it is the separator of the files that truearm writes.
 SEPARATORS = ",;\t"

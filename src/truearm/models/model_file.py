@@ -22,7 +22,7 @@ from truearm.models.hybrid import HybridModel
 from truearm.models.identified_model import IdentifiedModel, KinematicModel, NominalModel, PhysicalModel
 from truearm.models.model_archive import Array, Header, decode_learned, read_archive
 from truearm.models.network import NetworkModel
-from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.perceptron import MinMaxScaler
 from truearm.solve.arrays import add_to_diagonal, cholesky_solver
 from truearm.solve.square_roots import unit_diagonal
 from truearm.solve.threads import one_blas_thread

@@ -18,14 +18,12 @@ from truearm.identification.references.reading_references import check_points_of
 from truearm.identification.terms import ArmState
 from truearm.models.compensator import CheckedReadings, Compensator
 from truearm.models.estimator import check_network_options
+from truearm.nets.levenberg_marquardt import BayesianRecord, trainbr, trainlm
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.perceptron import MinMaxScaler, Perceptron, nguyen_widrow
 from truearm.nets.train_varpro import train_varpro
-from truearm.nets.trainbr import BayesianRecord, trainbr
 from truearm.nets.traingd import AdaptiveRecord, traingd, traingdx
 from truearm.nets.training import Epoch, TrainingRecord, dividerand
-from truearm.nets.trainlm import trainlm
 from truearm.readings.lengths import Lengths
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread

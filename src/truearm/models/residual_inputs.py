@@ -10,7 +10,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.findings import Finding
 from truearm.models.training_conditions import LEAST_TURN, TrainingConditions
-from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.perceptron import MinMaxScaler
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # An input with a smaller range does not vary [rad of an angle, its cosine or sine; mm].

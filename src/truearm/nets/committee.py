@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.errors import InputError
+from truearm.nets.levenberg_marquardt import BayesianRecord, trainbr
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.trainbr import BayesianRecord, trainbr
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Samples of a member's training, as a multiple of its weights. With three outputs the weights then take up a 36th of

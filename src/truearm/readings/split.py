@@ -8,7 +8,7 @@ from typing import Literal, TypeVar, get_args
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.readings.distances import rows_with_distance
+from truearm.readings.anchors import rows_with_distance
 from truearm.readings.readings import Readings
 from truearm.readings.repeats import readings_of_one_pose
 from truearm.typing import BoolArray, IntArray, NameArray

@@ -11,7 +11,7 @@ import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.arm import Arm
-from truearm.arm.joint_zeros import joint_zeros, with_zeros
+from truearm.arm.arm import joint_zeros, with_zeros
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.findings import Finding, findings_of, in_order

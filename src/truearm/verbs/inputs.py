@@ -32,9 +32,9 @@ from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import Lengths, Session, check_reach, has_reference, point_errors, read_lengths, read_session
 from truearm.readings.anchors import LEAST_COMPARED, LEAST_READINGS, has_located_anchor
 from truearm.readings.checks import MAX_SKIPPED_SHARE, check_session_fits, skip_not_of_arm
-from truearm.readings.names import doubtful_names
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.repeats import MergedReadings, merge_repeats
+from truearm.readings.session import doubtful_names
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, STEEL_PER_K, thermal_expansion_of
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verbs.sentences import agree, format_mm, number_of

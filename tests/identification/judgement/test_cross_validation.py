@@ -25,7 +25,7 @@ from truearm.identification.references.references import Length, Points, Seats, 
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.solve.square_roots import covariance_factor
-from truearm.wings.planning.designs.sampling.seat import seat
+from truearm.wings.planning.designs.sampling.measuring import seat
 
 NOISE = 0.02  # mm
 

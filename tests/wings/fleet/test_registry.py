@@ -25,10 +25,10 @@ import truearm as ta
 from truearm.errors import TruearmError
 from truearm.wings.fleet import database
 from truearm.wings.fleet.arm_list import RegisteredArm
+from truearm.wings.fleet.database import ARMS
 from truearm.wings.fleet.fit_task import FitRow
 from truearm.wings.fleet.fleet import Fleet
 from truearm.wings.fleet.registry import Registry
-from truearm.wings.fleet.tables import ARMS
 from truearm.wings.laboratory.monitor.interim_check import CheckValue, InterimCheck
 
 N_WRITERS, N_EACH = 8, 12

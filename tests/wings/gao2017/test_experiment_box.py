@@ -2,8 +2,13 @@
 
 import pytest
 
-from truearm.wings.gao2017.claim_figures import experiment_box_figure
-from truearm.wings.gao2017.experiment_box import BoxRun, ExperimentBoxStudy, load_experiment_box, widths_at
+from truearm.wings.gao2017.claim_figures import (
+    BoxRun,
+    ExperimentBoxStudy,
+    experiment_box_figure,
+    load_experiment_box,
+    widths_at,
+)
 from truearm.wings.gao2017.results import GOAL_MET, TIME_OVER
 from truearm.wings.gao2017.tables import TABLES
 from truearm.wings.gao2017.training_plan import EXPERIMENT

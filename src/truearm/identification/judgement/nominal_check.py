@@ -28,8 +28,7 @@ from typing import Self
 import numpy as np
 
 from truearm.acceptance import contradict
-from truearm.arm.arm import Arm
-from truearm.arm.joint_zeros import COLUMNS, table_changes
+from truearm.arm.arm import COLUMNS, Arm, table_changes
 from truearm.arm.nearest_table import drawn_convention, drawn_table, nearest_table
 from truearm.errors import InputError
 from truearm.findings import Finding

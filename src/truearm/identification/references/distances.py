@@ -14,8 +14,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.identification.references.references import Constraints, LinearisedResiduals, number_names
-from truearm.readings.anchors import LEAST_READINGS, locate_anchor
-from truearm.readings.distances import offset_std
+from truearm.readings.anchors import LEAST_READINGS, locate_anchor, offset_std
 from truearm.readings.session import Session
 from truearm.typing import FloatArray, IntArray
 

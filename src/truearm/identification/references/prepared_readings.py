@@ -25,8 +25,8 @@ from truearm.identification.references.tips import free_tips
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.type_prior import TypePrior
+from truearm.readings.anchors import bars_without_certificate
 from truearm.readings.checks import check_sessions
-from truearm.readings.distances import bars_without_certificate
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Measured, points_there
 from truearm.readings.reference_uncertainty import scale_errors

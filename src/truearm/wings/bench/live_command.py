@@ -50,8 +50,7 @@ def live(
     opened takes, undoes, names seats, skips poses, fits and saves a model; others show, and may ask for that. Ctrl-C
     ends.
     """
-    from truearm.wings.bench.live_server.live import serve
-    from truearm.wings.bench.live_server.live_recording import FRAMES_HZ
+    from truearm.wings.bench.live_server.live import FRAMES_HZ, serve
     from truearm.wings.bench.live_server.request_checks import RequestChecks
 
     checks = RequestChecks(host, token)

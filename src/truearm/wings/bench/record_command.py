@@ -54,9 +54,8 @@ def _record_in_terminal(recording: Recording) -> None:
     from rich.console import Console
     from rich.live import Live
 
-    from truearm.wings.bench.keyboard import pressed_keys
     from truearm.wings.bench.recording.record_readings import follow
-    from truearm.wings.bench.recording_view import RecordingView
+    from truearm.wings.bench.recording_view import RecordingView, pressed_keys
 
     view, console = RecordingView(recording), Console(highlight=False)
     with (
@@ -73,7 +72,7 @@ def _record_in_terminal(recording: Recording) -> None:
 def _lines(recording: Recording) -> Iterator[str]:
     """Commands on standard input, unless the angles come from there."""
     from truearm.wings.bench.sources.connections import connector
-    from truearm.wings.bench.sources.text_lines import lines_of
+    from truearm.wings.bench.sources.line_pattern import lines_of
 
     if sys.stdin is None or recording.source.name.endswith("@stdin"):
         return

@@ -1,9 +1,15 @@
-"""What a terminal shows while readings are taken: live angles, the next pose, the last events, and its keys."""
+"""What a terminal shows while readings are taken: live angles, the next pose, the last events; and its keys."""
 
 from __future__ import annotations
 
+import codecs
+import os
+import select
+import sys
+import time
 from collections import deque
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from rich.console import Group
@@ -13,7 +19,53 @@ from rich.text import Text
 from truearm.number_format import format_count
 from truearm.printable_text import printable
 from truearm.wings.bench.recording.recording import Recording
-from truearm.wings.bench.recording.recording_event import Event
+from truearm.wings.bench.recording.session_log import Event
+
+WAIT_S = 0.2
+
+
+@contextmanager
+def pressed_keys() -> Iterator[Iterator[str]]:
+    """Characters of the keys that are pressed while the block runs; empty ones while none is."""
+    if sys.platform == "win32":
+        yield _windows_keys()
+        return
+    import termios
+    import tty
+
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    try:
+        tty.setcbreak(terminal)
+        yield _posix_keys(terminal)
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def _posix_keys(terminal: int) -> Iterator[str]:
+    decoder = codecs.getincrementaldecoder("utf-8")("replace")
+    while True:
+        if not select.select([terminal], [], [], WAIT_S)[0]:
+            yield ""
+            continue
+        data = os.read(terminal, 64)
+        if not data:
+            return
+        if data[:1] == b"\x1b" and len(data) > 1:  # an arrow or a function key
+            continue
+        yield from decoder.decode(data)
+
+
+def _windows_keys() -> Iterator[str]:
+    import msvcrt
+
+    while True:
+        if msvcrt.kbhit():  # type: ignore[attr-defined,unused-ignore]
+            yield msvcrt.getwch()  # type: ignore[attr-defined,unused-ignore]
+        else:
+            time.sleep(WAIT_S)
+            yield ""
+
 
 KEYS = {
     " ": "take",

@@ -20,8 +20,7 @@ from truearm.verbs.inputs import ModelLike, SessionLike, to_model_of_tip, to_ses
 from truearm.verbs.outputs import check_output
 from truearm.verbs.record import Record, TableRecord, TextTable, columns_of, format_fixed
 from truearm.wings.exports.formats import ExportFormat
-from truearm.wings.exports.formats.file_check import Comparison, compare_with_model
-from truearm.wings.exports.formats.formats import FORMATS, format_of
+from truearm.wings.exports.formats.formats import FORMATS, Comparison, compare_with_model, format_of
 from truearm.wings.exports.targets import Frame
 from truearm.wings.exports.targets.manifest import Manifest, read_manifest
 

@@ -12,8 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from truearm.errors import InputError
 from truearm.files.dates import format_date
-from truearm.wings.fleet.database import Database
-from truearm.wings.fleet.tables import CHECK_HEADS, CHECKS, lock_arm
+from truearm.wings.fleet.database import CHECK_HEADS, CHECKS, Database, lock_arm
 from truearm.wings.laboratory.monitor.assessment import Assessment, RecalibrationAdvice, assess, describe_assessment
 from truearm.wings.laboratory.monitor.history import History
 from truearm.wings.laboratory.monitor.history_rows import HistoryRows, checksum_of_new, linked_rows

@@ -29,8 +29,7 @@ except ModuleNotFoundError:
         "a fleet needs the package SQLAlchemy, which is not installed", hint="pip install 'truearm[fleet]'"
     ) from None
 from truearm.wings.fleet.check_history import CheckVerdict, RegisteredHistory, keep_verdict, verdicts
-from truearm.wings.fleet.database import Database
-from truearm.wings.fleet.tables import (
+from truearm.wings.fleet.database import (
     ARMS,
     CERTIFICATES,
     FILES,
@@ -40,6 +39,7 @@ from truearm.wings.fleet.tables import (
     SESSIONS,
     TABLES,
     VERSION,
+    Database,
     lock_arm,
     utc_now,
 )

@@ -83,7 +83,7 @@ class ProcedureResult(TableRecord, PageRecord):
             If a file cannot be written.
         """
         from truearm.pages.html import write_page
-        from truearm.wings.gao2017.procedure_page import paper_figures
+        from truearm.wings.gao2017.procedure import paper_figures
 
         numbers, page, model = (Path(folder) / name for name in FILES)
         write_numbers(self, numbers)
@@ -96,7 +96,7 @@ class ProcedureResult(TableRecord, PageRecord):
 
     def page(self) -> Page:
         """The answer, the errors of all models, the search, and the paper's figures of this arm."""
-        from truearm.wings.gao2017.procedure_page import procedure_page
+        from truearm.wings.gao2017.procedure import procedure_page
 
         return procedure_page(self.results, arm=None if self.arm is None else self.arm.name, remarks=self._remarks())
 

@@ -14,13 +14,15 @@ from truearm.pages.plotting import Figure, join_phrases
 from truearm.typing import FloatArray
 from truearm.wings.gao2017.claim_figures import (
     box_figure,
+    crossings,
     experiment_box_figure,
     learning_rate_figure,
+    load_experiment_box,
     outside_figure,
     scatter_figure,
     share_figure,
+    widths_at,
 )
-from truearm.wings.gao2017.experiment_box import crossings, load_experiment_box, widths_at
 from truearm.wings.gao2017.phrases import (
     SHARES_NOTE,
     MissingPart,

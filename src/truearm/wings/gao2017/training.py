@@ -25,8 +25,7 @@ from truearm.files.atomic_write import atomic_file, check_writable
 from truearm.files.file_reading import read_limited
 from truearm.models.network import GRADIENT_TRAINERS, TRAINERS
 from truearm.nets.normal_equations import FitProblem
-from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.perceptron import MinMaxScaler, Perceptron, nguyen_widrow
 from truearm.nets.training import Epoch, dividerand
 from truearm.solve.threads import cores
 from truearm.typing import FloatArray

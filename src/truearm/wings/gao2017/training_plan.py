@@ -33,7 +33,7 @@ ACTIVATIONS: Mapping[tuple[int, int], tuple[str, ...]] = {(3, 9): ("tansig", "pu
 
 # The rows that determine the boxes: SIMULATION is the half-width at which the geometric mean of our mean errors
 # (trainlm) by the paper's is nearest to 1 over the distinct rows of Table 2 with 10000 poses; EXPERIMENT is the widest
-# box that agrees with the stop of row 4 of Table 4 (`truearm.wings.gao2017.experiment_box`), in whole degrees. These
+# box that agrees with the stop of row 4 of Table 4 (`truearm.wings.gao2017.claim_figures`), in whole degrees. These
 # rows agree by construction, so they are not judged.
 BOX_FITTING_ROWS = frozenset({(2, 1), *((2, number) for number in range(12, 18)), (4, 4)})
 

@@ -18,7 +18,7 @@ from truearm.wings.bench.live_server import http_operations
 from truearm.wings.bench.live_server.http_operations import HttpOperations
 from truearm.wings.bench.live_server.live import live
 from truearm.wings.bench.live_server.messages import MOST_POSES
-from truearm.wings.bench.live_server.post_requests import LARGEST_BODY
+from truearm.wings.bench.live_server.request_checks import LARGEST_BODY
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import Sample, Source
 
@@ -195,7 +195,7 @@ def test_what_is_no_request_is_refused(url, request_, said):
 
 
 def test_a_request_that_does_not_come_whole_ends(url, monkeypatch):
-    monkeypatch.setattr("truearm.wings.bench.live_server.post_requests.READ_S", 0.1)
+    monkeypatch.setattr("truearm.wings.bench.live_server.request_checks.READ_S", 0.1)
     for begun in (
         b"P",
         b"POST /predict HTTP/1.1\r\n",

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.wings.bench.live_server.drawn_arm import drawn_arm
-from truearm.wings.bench.live_server.live_recording import FRAMES_HZ, LiveRecording
+from truearm.wings.bench.live_server.live import FRAMES_HZ, LiveRecording
+from truearm.wings.bench.live_server.live_page import drawn_arm
 from truearm.wings.bench.recording.recording import Recording
 
 

@@ -8,8 +8,7 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.readings import Session
-from truearm.wings.bench.recording.learning import Learning
-from truearm.wings.bench.recording.poses_to_measure import PosesToMeasure
+from truearm.wings.bench.recording.learning import Learning, PosesToMeasure
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import Sample, Source, StandstillRule
 from truearm.wings.planning.designs import sequential_update

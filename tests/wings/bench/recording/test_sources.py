@@ -12,7 +12,7 @@ import pytest
 
 import truearm as ta
 from truearm.errors import InputError
-from truearm.wings.bench.sources import Notice, Sample, Source, extras
+from truearm.wings.bench.sources import Notice, Sample, Source, connections
 
 RANDOM = np.random.default_rng(1)
 MOVEMENT = np.cumsum(np.concatenate([np.zeros((1, 6)), RANDOM.uniform(-0.05, 0.06, (100, 6))]), axis=0)
@@ -124,7 +124,7 @@ def test_without_its_package_a_source_says_what_to_install(tmp_path, monkeypatch
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.toml").write_text(text)
-    monkeypatch.setattr(extras.importlib, "import_module", missing)
+    monkeypatch.setattr(connections.importlib, "import_module", missing)
     with pytest.raises(InputError, match=rf"needs the package {package}, .*Try: pip install 'truearm\[{extra}\]'"):
         ta.open_source(name)
 

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
-from truearm.wings.bench.sources import Sample, abb_egm, decoded_messages, kuka_rsi, open_source
+from truearm.wings.bench.sources import Sample, datagrams, decoded_messages, open_source
 from truearm.wings.bench.sources.decoded_messages import Repeats
 
 ANGLES = [10.0, -20.5, 30.25, 0.0, 45.0, -170.125]
@@ -135,7 +135,7 @@ def test_egm_is_read_as_the_library_of_protocol_buffers_writes_it():
     robot_.feedBack.time.sec, robot_.feedBack.time.usec = 2**40, 5
     robot_.planned.joints.joints.extend([1.0] * 6)
     robot_.utilizationRate = 0.5
-    angles, stamps = abb_egm.decode_egm(robot_.SerializeToString())
+    angles, stamps = datagrams.decode_egm(robot_.SerializeToString())
     assert angles == ANGLES
     assert stamps[0] == b"\x07"
     assert all(stamps)
@@ -191,13 +191,13 @@ def refused(source, port, datagram, good):
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_angles_or_a_value_error(data):
-    for decode in (abb_egm.decode_egm, kuka_rsi.decode_rsi):
+    for decode in (datagrams.decode_egm, datagrams.decode_rsi):
         with suppress(ValueError):
             assert all(isinstance(angle, float) for angle in decode(data)[0])
 
 
 @pytest.mark.parametrize("address", ["", "x", "0", "70000", "127.0.0.1:", "host:x"])
 def test_what_is_no_port_is_refused(address):
-    for source in (abb_egm.abb_egm, kuka_rsi.kuka_rsi):
+    for source in (datagrams.abb_egm, datagrams.kuka_rsi):
         with pytest.raises(InputError, match="expected a port"):
             source(address)

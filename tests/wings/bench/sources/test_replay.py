@@ -11,7 +11,7 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.wings.bench.sources import Sample, open_source
-from truearm.wings.bench.sources.poses_in_turn import RATE_HZ, STOP_S
+from truearm.wings.bench.sources.replay import RATE_HZ, STOP_S
 
 
 @pytest.fixture

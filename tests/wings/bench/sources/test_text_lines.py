@@ -17,8 +17,7 @@ from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.wings.bench.sources import Notice, Sample, connections
 from truearm.wings.bench.sources.connections import connected, connector
-from truearm.wings.bench.sources.line_pattern import MOST_CHARACTERS, LinesDocument, line_parser
-from truearm.wings.bench.sources.text_lines import lines_of, text_lines
+from truearm.wings.bench.sources.line_pattern import MOST_CHARACTERS, LinesDocument, line_parser, lines_of, text_lines
 
 TWO = "pattern = '{J1},{J2}'\n"
 

@@ -29,7 +29,7 @@ from truearm.wings.exports.formats.constants_table import (
 )
 from truearm.wings.exports.formats.rigid_arm import best_rigid_arm
 from truearm.wings.exports.targets.manifest import read_manifest
-from truearm.wings.reports.constants_section import constants_section
+from truearm.wings.reports.report import constants_section
 
 NOISE_MM = 0.02
 

@@ -15,9 +15,8 @@ from truearm.errors import InputError
 from truearm.identification.terms import Temperature
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.readings import hold_out
-from truearm.wings.exports.targets.configuration import follow, keeps_configuration
 from truearm.wings.exports.targets.correction import correct_targets, task_of
-from truearm.wings.exports.targets.inverse import solve_poses
+from truearm.wings.exports.targets.inverse import follow, keeps_configuration, solve_poses
 from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, reference_from_base, with_tool
 from truearm.wings.exports.targets.targets import Targets
 from truearm.wings.importing import datasets

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from truearm.errors import InputError
-from truearm.wings.laboratory.shapes.circumscribed_sphere import MAX_POINTS, circumscribed_sphere
+from truearm.wings.laboratory.shapes.minimum_zone import MAX_POINTS, circumscribed_sphere
 
 REAL = np.longdouble
 

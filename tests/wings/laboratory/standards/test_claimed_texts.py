@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from truearm.errors import InputError
-from truearm.wings.laboratory.standards.claimed_texts import check_no_verdict, named_standards
+from truearm.wings.laboratory.standards.specification import check_no_verdict, named_standards
 
 
 @pytest.mark.parametrize("text", ["Arm A: conform", "PASSED", "certified arm", "complies with its data", "meets all"])

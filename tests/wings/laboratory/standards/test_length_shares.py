@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truearm.wings.laboratory.standards.length_shares import length_fault
+from truearm.wings.laboratory.standards.layout import length_fault
 from truearm.wings.laboratory.standards.verification_plan import VerificationPlan, load_verification_plan
 
 RANGE = 2500.0

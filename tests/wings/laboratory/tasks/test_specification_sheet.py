@@ -7,7 +7,7 @@ import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
-from truearm.wings.laboratory.shapes.circumscribed_sphere import circumscribed_sphere
+from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_sphere
 from truearm.wings.laboratory.shapes.sphere import fit_sphere
 from truearm.wings.laboratory.standards.specification import Specification
 from truearm.wings.laboratory.tasks import features

@@ -22,10 +22,8 @@ from truearm.wings.planning.designs.coordinate_exchange import (
 from truearm.wings.planning.designs.exchange import DesignProblem
 from truearm.wings.planning.designs.prior import nominal_prior
 from truearm.wings.planning.designs.proposal import Artefact, propose
-from truearm.wings.planning.designs.sampling.measuring import inner_limits
-from truearm.wings.planning.designs.sampling.seat import CONE_RAD
-from truearm.wings.planning.designs.sampling.surroundings import Box, Surroundings
-from truearm.wings.planning.designs.sampling.workspace import Sector, joint_origins
+from truearm.wings.planning.designs.sampling.measuring import CONE_RAD, inner_limits
+from truearm.wings.planning.designs.sampling.workspace import Box, Sector, Surroundings, joint_origins
 from truearm.wings.planning.designs.tour import joint_moves, mean_joint_move, order_of_few_moves
 
 CASES = {

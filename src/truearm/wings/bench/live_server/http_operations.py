@@ -33,9 +33,8 @@ from truearm.wings.bench.live_server.messages import (
     Refused,
     Tip,
 )
-from truearm.wings.bench.live_server.post_requests import LARGEST_BODY
-from truearm.wings.bench.live_server.request_checks import RequestRate
-from truearm.wings.bench.recording.corrected_tip import COVERAGE_FACTOR, CorrectedTip, corrected_tips
+from truearm.wings.bench.live_server.request_checks import LARGEST_BODY, RequestRate
+from truearm.wings.bench.recording.model_in_force import COVERAGE_FACTOR, CorrectedTip, corrected_tips
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.exports.correct import correct
 from truearm.wings.exports.targets.targets import Targets

@@ -1,20 +1,181 @@
-"""`live`: readings of a connected arm, with a page that shows it."""
+"""`live`: readings of a connected arm, with a page that shows it: its events, and its pose 20 times a second."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Unpack
 
-from truearm.wings.bench.live_server.drawn_arm import drawn_arm
+import numpy as np
+
+from truearm.errors import InputError, TruearmError
+from truearm.readings import Session
+from truearm.readings.readings import DIRECTION
+from truearm.typing import FloatArray
 from truearm.wings.bench.live_server.http_operations import HttpOperations
-from truearm.wings.bench.live_server.live_page import live_page
-from truearm.wings.bench.live_server.live_recording import FRAMES_HZ, LiveRecording
+from truearm.wings.bench.live_server.live_page import DrawnArm, drawn_arm, drawn_scene, live_page
+from truearm.wings.bench.live_server.messages import Pose, ReadingPoint, Said, State
 from truearm.wings.bench.live_server.request_checks import RequestChecks
 from truearm.wings.bench.live_server.server import LiveServer
+from truearm.wings.bench.recording.record_readings import follow
 from truearm.wings.bench.recording.recording import Recording, RecordingOptions
-from truearm.wings.bench.recording.recording_event import Event
+from truearm.wings.bench.recording.session_log import Event
 from truearm.wings.bench.sources import Source
+
+FRAMES_HZ = 20.0
+SILENT_S = 1.0
+MOST_EVENTS = 50  # that a page shows that has just come
+
+
+class LiveRecording:
+    """What the page is sent of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        With an arm, and with `FRAMES_HZ` samples a second.
+    drawn : DrawnArm
+    """
+
+    def __init__(self, recording: Recording, drawn: DrawnArm) -> None:
+        self.recording, self._drawn, self._scene = recording, drawn, drawn_scene(drawn)
+        self._readings: list[ReadingPoint] = []
+        self._last: dict[str, Said] = {}  # of the kinds of which the page shows the newest
+        self._uncertainties_mm: list[tuple[int, float]] = []
+        self._events: deque[Said] = deque(maxlen=MOST_EVENTS)
+        self._files = {"session": str(recording.out)}
+        if recording.plan_file is not None:
+            self._files["plan"] = str(recording.plan_file)
+        self._ended, self._sent_s = "", -np.inf
+        self._newest: Pose | None = None
+
+    def follow(self, server: LiveServer) -> Iterator[Event]:
+        """Send the events of the recording, and do what the page asks for; the events but the samples."""
+        try:
+            for event in follow(self.recording, server.commands()):
+                if event.kind != "sample":
+                    self._send(server, event)
+                    yield event
+                elif time.monotonic() - self._sent_s > 0.5 / FRAMES_HZ:  # a replay may run faster than its clock
+                    self._newest = self._pose(event)
+                    self._sent_s = time.monotonic()  # after the pose: another thread judges by it how old that is
+                    server.send_newest(self._newest)
+        finally:
+            if not self._ended:  # by Ctrl-C, or a fault
+                self._send(server, self.recording.end())
+
+    def _send(self, server: LiveServer, event: Event) -> None:
+        said = self._said(event)
+        state = State(
+            self._scene,
+            tuple(self._readings),
+            self._last.get("learned"),
+            self._last.get("next"),
+            self._last.get("model"),
+            tuple(self._uncertainties_mm),
+            tuple(self._events),
+            dict(self._files),
+            self._ended,
+        )
+        server.send(said, state)
+        if event.kind == "model":
+            server.send(state, state)
+
+    def newest_pose(self) -> Pose:
+        """The arm now.
+
+        Raises
+        ------
+        TruearmError
+            If it sends no samples.
+        """
+        if self._newest is None or time.monotonic() - self._sent_s > SILENT_S:
+            raise TruearmError("the arm sends no samples")
+        return self._newest
+
+    def _said(self, event: Event) -> Said:
+        said = Said(event.to_dict())
+        if event.kind == "ready":
+            self._readings = self._points(self.recording.rows)
+        elif event.kind == "reading":
+            (reading,) = self._points(self.recording.rows[-1:])
+            said = Said(said.event, reading)
+            self._readings.append(reading)
+        elif event.kind == "undone":
+            self._readings.pop()
+        elif event.kind == "model":
+            self._drawn = drawn_arm(self.recording.arm, self.recording.model)
+            self._scene = drawn_scene(self._drawn)
+            self._readings = self._points(self.recording.rows)
+        elif event.kind == "learned":
+            n = len(self._readings)
+            before = [one for one in self._uncertainties_mm if one[0] < n]
+            self._uncertainties_mm = [*before, (n, event.values["after_mm"])]
+        elif event.kind == "next":
+            aim_rad = self.recording.aim_rad
+            said = Said(said.event, aim_pivots=None if aim_rad is None else self._drawn.pivots(aim_rad))
+        elif event.kind == "end":
+            self._ended = event.text
+        elif event.values.get("file") == str(self.recording.out_model):
+            self._files["model"] = event.values["file"]
+        self._last[event.kind] = said
+        if event.kind not in ("learned", "next"):
+            self._events.append(Said(said.event))
+        return said
+
+    def _pose(self, event: Event) -> Pose:
+        recording, sample, values = self.recording, self.recording.sample, event.to_dict()
+        arm = recording.arm
+        assert sample is not None  # the event is of one
+        assert arm is not None
+        return Pose(
+            joints=recording.displayed(sample.joint_angles_rad),
+            pivots=self._drawn.pivots(sample.joint_angles_rad),
+            tip_in_base_mm=arm.chain.tip_in_base(sample.joint_angles_rad[None])[0].tolist(),
+            corrected_mm=values.get("corrected_mm"),
+            U_mm=values.get("U_mm"),
+            not_corrected=values.get("not_corrected", ""),
+            outside_training=not values.get("is_trained", True),
+            is_still=recording.is_still,
+            is_fitting=recording.is_fitting,
+            to_go=recording.to_go(),
+            temperature_degC=sample.temperature_degC,
+        )
+
+    def _points(self, rows: Sequence[Mapping[str, str]]) -> list[ReadingPoint]:
+        """Rows of the session file as the page draws them."""
+        joints = _numbers(rows, self.recording.joint_columns)
+        angles = joints * self.recording.factors
+        return [*map(ReadingPoint, self._drawn.tips_mm(angles), joints.tolist(), self._residuals_mm(rows, angles))]
+
+    def _residuals_mm(self, rows: Sequence[Mapping[str, str]], angles: FloatArray) -> list[float | None]:
+        """Distance of each measured point from the model's; None without a model or a point."""
+        model, found = self.recording.model, list[float | None]([None] * len(rows))
+        seen = [number for number, row in enumerate(rows) if row.get("x_mm")]
+        if model is None or not seen:
+            return found
+        rows = [rows[number] for number in seen]
+        stated = {
+            name: _numbers(rows, [name])[:, 0]
+            for name in (*model.training_.columns, "temperature_degC")
+            if all(row.get(name) for row in rows)
+        }
+        temperature = stated.pop("temperature_degC", None)
+        directions = _numbers(rows, [f"{DIRECTION}{joint}" for joint in range(1, angles.shape[1] + 1)])
+        with suppress(InputError):
+            readings = Session(angles[seen], temperature_degC=temperature, directions=directions, columns=stated)
+            away = model.predict_readings(model.checked(readings)) - _numbers(rows, ["x_mm", "y_mm", "z_mm"])
+            for number, distance_mm in zip(seen, np.linalg.norm(away, axis=1).tolist(), strict=True):
+                found[number] = distance_mm
+        return found
+
+
+def _numbers(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> FloatArray:
+    """(n, n_columns) cells of rows."""
+    return np.array([[float(row[name]) for name in columns] for row in rows]).reshape(-1, len(columns))
 
 
 def live(

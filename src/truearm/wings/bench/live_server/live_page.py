@@ -1,7 +1,11 @@
-"""The page of a connected arm: one HTML document with its style, its script and the arm; the server sends the rest."""
+"""The page of a connected arm: one HTML document with its style, its script and the arm; the server sends the rest.
+
+The arm drawn is the identified one in the frame of its reference, else the nominal one in its base.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
@@ -9,13 +13,62 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
+from truearm.arm import Arm
+from truearm.errors import InputError
+from truearm.models import Compensator
+from truearm.models.identified_model import to_identified
 from truearm.pages.drawings.arm_scene import arm_mechanism
 from truearm.pages.palette import style_rules
 from truearm.pages.scene import data_block, scene_script, script_hash
 from truearm.printable_text import printable
-from truearm.wings.bench.live_server.drawn_arm import DrawnArm
+from truearm.typing import FloatArray
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.recording.reference_point import TYPED
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnArm:
+    """The arm that the page draws.
+
+    Attributes
+    ----------
+    arm : Arm
+    is_identified : bool
+        Whether it stands in the frame of the reference, not in its base.
+    """
+
+    arm: Arm
+    is_identified: bool
+
+    def pivots(self, angles_rad: FloatArray) -> list[float]:
+        """The values of its pivots at joint angles (n_joints,) [deg, or mm of sliding joints]."""
+        scale = np.where(self.arm.chain.is_prismatic, 1.0, np.degrees(1.0))
+        values: list[float] = (self.arm.chain.joint_angles(angles_rad) * scale).tolist()
+        return values
+
+    def tips_mm(self, angles_rad: FloatArray) -> list[list[float]]:
+        """Its tips at joint angles (n, n_joints) [mm]."""
+        tips: list[list[float]] = self.arm.chain.tip_in_base(angles_rad).tolist()
+        return tips
+
+
+def drawn_arm(arm: Arm | None, model: Compensator | None) -> DrawnArm:
+    """The arm that the page draws.
+
+    Raises
+    ------
+    InputError
+        If there is none, or nothing is known of its kinematics.
+    """
+    found = None if model is None else to_identified(model)
+    if found is not None:
+        return DrawnArm(replace(found.arm, chain=found.fit_.chain), is_identified=True)
+    if arm is None:
+        raise InputError("the page needs the arm", hint="--arm ARM, or --model MODEL")
+    if not arm.has_kinematics:
+        raise InputError(f"of arm {arm.name!r} only the joints are known", hint="truearm record takes its readings")
+    return DrawnArm(arm, is_identified=False)
+
 
 FULL_TURN_DEG = 180.0  # what the strip of a joint without limit spans, to each side
 

@@ -19,8 +19,7 @@ from pydantic import ValidationError
 from truearm.errors import InputError, TruearmError
 from truearm.wings.bench.live_server.http_operations import HttpOperations, refused
 from truearm.wings.bench.live_server.messages import Command, Message, Refused, Role, State, encode
-from truearm.wings.bench.live_server.post_requests import is_post, read_post, send_answer
-from truearm.wings.bench.live_server.request_checks import RequestChecks, RequestRate
+from truearm.wings.bench.live_server.request_checks import RequestChecks, RequestRate, is_post, read_post, send_answer
 
 if TYPE_CHECKING:
     import email.message

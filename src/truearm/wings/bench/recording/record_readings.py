@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, Unpack
 
 from truearm.wings.bench.recording.recording import Recording, RecordingOptions
-from truearm.wings.bench.recording.recording_event import Event
+from truearm.wings.bench.recording.session_log import Event
 from truearm.wings.bench.sources import Notice, Sample, Source
 
 MOST_WAITING = 10_000  # samples and commands

@@ -25,13 +25,10 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import ModelLike, to_arm, to_model_of_tip
 from truearm.wings.bench.recording import TakeOn
-from truearm.wings.bench.recording.corrected_tip import CorrectedTip, corrected_tip
-from truearm.wings.bench.recording.learning import Learning, learned_event
-from truearm.wings.bench.recording.model_in_force import ModelInForce
-from truearm.wings.bench.recording.poses_to_measure import PosesToMeasure
-from truearm.wings.bench.recording.recording_event import Event
+from truearm.wings.bench.recording.learning import Learning, PosesToMeasure, learned_event
+from truearm.wings.bench.recording.model_in_force import CorrectedTip, ModelInForce, corrected_tip
 from truearm.wings.bench.recording.reference_point import TYPED, ReferencePoint, typed_numbers
-from truearm.wings.bench.recording.session_log import SessionLog, check_log_path
+from truearm.wings.bench.recording.session_log import Event, SessionLog, check_log_path
 from truearm.wings.bench.sources import Sample, Source, StandstillRule, open_source
 from truearm.wings.bench.sources.standstill import Standstill, TakenReading
 from truearm.wings.planning.designs.planned_readings import PlannedReadings, read_planned

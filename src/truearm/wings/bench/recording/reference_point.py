@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from truearm.typing import FloatArray
-from truearm.wings.bench.recording.recording_event import Event
+from truearm.wings.bench.recording.session_log import Event
 from truearm.wings.bench.sources import Sample, Source
 from truearm.wings.bench.sources.standstill import TakenReading
 

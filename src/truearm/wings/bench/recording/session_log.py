@@ -1,4 +1,7 @@
-"""A session file that grows reading by reading; each is on the disk within a tenth of a second."""
+"""A session file that grows reading by reading, each on the disk within a tenth of a second, and what is said of it.
+
+Events are for people and for machines.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,10 @@ import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -23,6 +26,36 @@ from truearm.files.spreadsheet_forms import form_of
 from truearm.readings import Session, read_session
 from truearm.readings.files import fields_of_sheet
 from truearm.readings.large_sessions import joined_sessions
+from truearm.verbs.record import to_plain
+
+Kind = Literal["ready", "sample", "reading", "undone", "learned", "next", "enough", "model", "notice", "refused", "end"]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that a recording says.
+
+    Attributes
+    ----------
+    kind : {"ready", "sample", "reading", "undone", "learned", "next", "enough", "model", "notice", "refused", "end"}
+        ``reading``: it is in the file. ``learned``: how well the arm is known with it. ``next``: the pose that comes
+        next. ``enough``: further readings would add little. ``model``: another one is in force. ``refused``: what a
+        person asked for was not done.
+    text : str
+        In one sentence.
+    values : mapping of str to object
+        For machines; the keys state their units.
+    """
+
+    kind: Kind
+    text: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The event for machines: its kind, its text and its values."""
+        plain: dict[str, Any] = to_plain({"event": self.kind, "text": self.text, **self.values})
+        return plain
+
 
 Row = Mapping[str, float | str]
 # The shortest time from one fsync to the next: a robot that reports each millisecond does not wait for the disk.

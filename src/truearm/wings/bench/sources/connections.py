@@ -1,7 +1,11 @@
-"""Connections to a device: TCP, UDP, a serial port, standard input. Reads are bounded in size and in time."""
+"""Connections to a device: TCP, UDP, a serial port, standard input. Reads are bounded in size and in time.
+
+The packages that some of them need are imported when one is opened.
+"""
 
 from __future__ import annotations
 
+import importlib
 import os
 import select
 import socket
@@ -11,9 +15,38 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import Any, Protocol, TypeVar
 
-from truearm.errors import InputError
-from truearm.wings.bench.sources.extras import extra_package
+from truearm.errors import InputError, MissingTool
 from truearm.wings.bench.sources.sample import Notice, Stream
+
+
+def extra_package(module: str, extra: str, what: str) -> Any:
+    """A module of a package of an extra.
+
+    Parameters
+    ----------
+    module : str
+    extra : str
+        Of truearm, which installs it.
+    what : str
+        What needs it, for the message.
+
+    Raises
+    ------
+    MissingTool
+        If it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        package = module.partition(".")[0]
+        raise MissingTool(
+            f"{what} needs the package {PACKAGES.get(package, package)}, which is not installed",
+            hint=f"pip install 'truearm[{extra}]'",
+        ) from None
+
+
+PACKAGES = {"serial": "pyserial", "paho": "paho-mqtt"}  # whose modules have another name
+
 
 MOST_BYTES = 65536  # in one read
 CONNECT_S = 3.0

@@ -20,8 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.wings.bench.sources.connections import CONNECT_S, connected
-from truearm.wings.bench.sources.extras import extra_package
+from truearm.wings.bench.sources.connections import CONNECT_S, connected, extra_package
 from truearm.wings.bench.sources.joint_scale import MOST_JOINTS
 from truearm.wings.bench.sources.sample import Sample, Source, Stream
 

@@ -17,9 +17,8 @@ from pydantic import Field
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
-from truearm.wings.bench.sources.connections import connected
+from truearm.wings.bench.sources.connections import connected, extra_package
 from truearm.wings.bench.sources.decoded_messages import REPEATED, SILENT_S, Repeats, samples_in
-from truearm.wings.bench.sources.extras import extra_package
 from truearm.wings.bench.sources.joint_scale import MOST_JOINTS, Each, JointScale, Unit
 from truearm.wings.bench.sources.line_pattern import LARGEST
 from truearm.wings.bench.sources.sample import Notice, Sample, Source, Stream

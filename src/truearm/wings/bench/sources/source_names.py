@@ -8,18 +8,16 @@ from pathlib import Path
 
 from truearm.arm import Arm, load_arm
 from truearm.errors import InputError
-from truearm.wings.bench.sources.abb_egm import abb_egm
+from truearm.wings.bench.sources.datagrams import abb_egm, kuka_rsi
 from truearm.wings.bench.sources.dynamixel import dynamixel
 from truearm.wings.bench.sources.feetech import feetech
-from truearm.wings.bench.sources.kuka_rsi import kuka_rsi
-from truearm.wings.bench.sources.microscribe import microscribe
-from truearm.wings.bench.sources.microscribe_constants import microscribe_arm
+from truearm.wings.bench.sources.line_pattern import text_lines
+from truearm.wings.bench.sources.microscribe import microscribe, microscribe_arm
 from truearm.wings.bench.sources.mqtt import mqtt
 from truearm.wings.bench.sources.opcua import opcua
 from truearm.wings.bench.sources.replay import replay
 from truearm.wings.bench.sources.ros2 import ros2
 from truearm.wings.bench.sources.sample import Source
-from truearm.wings.bench.sources.text_lines import text_lines
 from truearm.wings.bench.sources.ur_rtde import ur_rtde
 from truearm.wings.bench.sources.virtual_arm import virtual_arm
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from truearm.arm import Arm
 from truearm.typing import FloatArray
-from truearm.wings.bench.sources.poses_in_turn import RATE_HZ, clock, poses_in_turn
+from truearm.wings.bench.sources.replay import RATE_HZ, clock, poses_in_turn
 from truearm.wings.bench.sources.sample import Sample, Source, Stream
 
 ENCODER_NOISE_RAD = radians(0.002)

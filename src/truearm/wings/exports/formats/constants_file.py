@@ -17,8 +17,14 @@ from truearm.models import Compensator
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats.constants_table import ConstantsTable, constants_table
 from truearm.wings.exports.formats.rigid_arm import RigidArm, best_rigid_arm
-from truearm.wings.exports.targets.manifest import Direction, Frame, Manifest, check_joints, read_manifest
-from truearm.wings.exports.targets.provenance import check_not_coupled
+from truearm.wings.exports.targets.manifest import (
+    Direction,
+    Frame,
+    Manifest,
+    check_joints,
+    check_not_coupled,
+    read_manifest,
+)
 
 MAX_BYTES = 1_000_000
 

@@ -31,14 +31,12 @@ from truearm.identification.terms import (
 from truearm.identification.terms.basis import check_parts
 from truearm.models import Compensator, IdentifiedModel, NetworkModel
 from truearm.models.model_archive import readable_json
-from truearm.nets.perceptron import Perceptron
-from truearm.nets.scaling import MinMaxScaler
+from truearm.nets.perceptron import MinMaxScaler, Perceptron
 from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats import json_document as form
 from truearm.wings.exports.formats.plain_model import expressions_of, loaded_links
-from truearm.wings.exports.targets.manifest import MARKER, Manifest, read_manifest
-from truearm.wings.exports.targets.provenance import check_not_coupled, stated_text
+from truearm.wings.exports.targets.manifest import MARKER, Manifest, check_not_coupled, read_manifest, stated_text
 
 # The physical model of a robot, 1,400 coefficients, has 10 MB; the manifest is read from files of up to this size.
 MAX_BYTES = 64 * 2**20

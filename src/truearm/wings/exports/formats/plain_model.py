@@ -20,7 +20,7 @@ from truearm.readings import Session
 from truearm.readings.readings import PAYLOAD
 from truearm.solve.square_roots import covariance_factor
 from truearm.typing import FloatArray, IntArray
-from truearm.wings.exports.targets.provenance import check_not_coupled
+from truearm.wings.exports.targets.manifest import check_not_coupled
 
 # Inputs that are zero in the first session, of the model's one tip, and at the payload of the training.
 ZERO: Mapping[str | Expression, float] = {"session": 0.0, "tip": 0.0, "payload torque": 0.0}

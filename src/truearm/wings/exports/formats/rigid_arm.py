@@ -28,8 +28,7 @@ from truearm.models import Compensator
 from truearm.models.compensator import FREE_PARTS
 from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.wings.exports.targets.manifest import ExportLoss
-from truearm.wings.exports.targets.provenance import stated_text
+from truearm.wings.exports.targets.manifest import ExportLoss, stated_text
 
 # More poses of a region change the constants by less than they are worth (UR10: 500 poses 0.38, 8000 poses 0.37 mm).
 MAX_POSES = 5000

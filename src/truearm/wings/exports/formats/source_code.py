@@ -28,9 +28,8 @@ from truearm.typing import FloatArray
 from truearm.wings.exports.formats.plain_model import PlainModel, plain_model
 from truearm.wings.exports.formats.reduced_covariance import ReducedCovariance, reduced_covariance
 from truearm.wings.exports.formats.value_tables import ValueLayout, ValueTables
-from truearm.wings.exports.targets.configuration import MAX_CONDITION
 from truearm.wings.exports.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
-from truearm.wings.exports.targets.inverse import TOLERANCE_MM, TOLERANCE_RAD
+from truearm.wings.exports.targets.inverse import MAX_CONDITION, TOLERANCE_MM, TOLERANCE_RAD
 from truearm.wings.exports.targets.manifest import Manifest, read_manifest
 
 LINE_WIDTH = 118

@@ -22,11 +22,13 @@ from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.wings.exports.targets import TargetDirection
 from truearm.wings.exports.targets import Untrained as Untrained
-from truearm.wings.exports.targets.configuration import MAX_CONDITION, follow, keeps_configuration
 from truearm.wings.exports.targets.inverse import (
+    MAX_CONDITION,
     MAX_STEPS,
     PoseTask,
+    follow,
     freedom,
+    keeps_configuration,
     scaled_jacobian,
     solve_poses,
     turn_between,

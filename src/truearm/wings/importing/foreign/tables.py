@@ -14,8 +14,8 @@ import numpy as np
 from truearm.errors import FaultCollector, InputError
 from truearm.files.delimited import quoted_cell
 from truearm.readings import Session, has_reference
-from truearm.readings.names import similar_names
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
+from truearm.readings.session import similar_names
 from truearm.typing import BoolArray, FloatArray, NameArray
 from truearm.wings.importing.foreign.column_units import (
     PointUnit,

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from truearm.errors import InputError
 from truearm.files.delimited import MAX_BYTES, as_utf8, quoted_cell
-from truearm.files.file_reading import read_limited
-from truearm.files.text_encoding import recognise_encoding
+from truearm.files.file_reading import read_limited, recognise_encoding
 from truearm.wings.importing.tables.cell_rows import CellRows, table_of_rows
 from truearm.wings.importing.tables.cells import is_number
 from truearm.wings.importing.tables.layout import HEAD, Layout, recognise_layout, table_width

@@ -1,11 +1,15 @@
 """Shapes of a part drawing, fitted to points by orthogonal distances; minimum zones, and relations of two shapes."""
 
 from truearm.wings.laboratory.shapes.circle import Circle, fit_circle
-from truearm.wings.laboratory.shapes.circumscribed_sphere import CircumscribedSphere, circumscribed_sphere
 from truearm.wings.laboratory.shapes.cone import Cone, fit_cone
 from truearm.wings.laboratory.shapes.cylinder import Cylinder, fit_cylinder
 from truearm.wings.laboratory.shapes.line import Line, fit_line
-from truearm.wings.laboratory.shapes.minimum_zone import MinimumZone, minimum_zone
+from truearm.wings.laboratory.shapes.minimum_zone import (
+    CircumscribedSphere,
+    MinimumZone,
+    circumscribed_sphere,
+    minimum_zone,
+)
 from truearm.wings.laboratory.shapes.plane import Plane, fit_plane
 from truearm.wings.laboratory.shapes.relations import (
     Relation,

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from truearm.wings.laboratory.shapes.circumscribed_sphere import circumscribed_diameters
+from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_diameters
 from truearm.wings.laboratory.standards.decision import (
     Budget,
     ConformityResult,

@@ -17,7 +17,7 @@ from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
 from truearm.wings.laboratory.standards.copied_points import find_copy, find_shared
-from truearm.wings.laboratory.standards.length_shares import length_fault
+from truearm.wings.laboratory.standards.layout import length_fault
 from truearm.wings.laboratory.standards.measurands import (
     LengthMeasurement,
     SphereMeasurement,

@@ -1,12 +1,14 @@
 """The specification of an arm: its measuring range and its limits by symbol.
 
 The file (TOML, docs/verification.md) states limits in micrometres with the length in millimetres, as data sheets do:
-``+-(A + L/K)``, ``+-B``, or ``+-min(A + L/K, B)`` (the forms of ISO 10360-1 and -2, recalled).
+``+-(A + L/K)``, ``+-B``, or ``+-min(A + L/K, B)`` (the forms of ISO 10360-1 and -2, recalled). A name or a title must
+not claim a verdict, which is the result of the test, or another standard.
 """
 
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
@@ -15,9 +17,37 @@ from pydantic import Field, field_validator, model_validator
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, read_document
-from truearm.wings.laboratory.standards.claimed_texts import check_no_verdict
 from truearm.wings.laboratory.standards.measured_points import CONDITIONS
 from truearm.wings.laboratory.standards.rated_conditions import RatedRange
+
+_VERDICT = re.compile(
+    r"\b(?:conform(?:s|ed|ing|ity|ance)?|compl(?:y|ies|ied|iant|iance)|pass(?:es|ed)?|certified|approved|meets|"
+    r"fulfils)\b",
+    re.IGNORECASE,
+)
+_STANDARD = re.compile(r"\b(?:ISO|IEC|EN|DIN|ASME|ANSI|VDI|VDE|BS|JIS|JJF|GB)\b[A-Z/ ]*[ -]?[A-Z]?\d[\d.\-]*\d")
+
+
+def check_no_verdict(text: str) -> str:
+    """Return a name or title that states no verdict.
+
+    Raises
+    ------
+    InputError
+        If it does.
+    """
+    if (found := _VERDICT.search(text)) is not None:
+        raise InputError(
+            f"expected what is tested, got {text!r:.80}, which says {found[0]!r}",
+            hint="leave the verdict out: it is the result of the test",
+        )
+    return text
+
+
+def named_standards(text: str) -> list[str]:
+    """The standards that a text names, without their years."""
+    return [one[0] for one in _STANDARD.finditer(text)]
+
 
 # The names of the results of the tests, without the index that standards add (":0:Tact.AArm"); each with its test, and
 # the example limit of an arm with a measuring range of 2.5 m, chosen here [um].

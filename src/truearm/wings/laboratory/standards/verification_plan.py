@@ -33,8 +33,8 @@ from truearm.files.toml_documents import (
     read_document,
     reject_control_characters,
 )
-from truearm.wings.laboratory.standards.claimed_texts import check_no_verdict, named_standards
 from truearm.wings.laboratory.standards.decision import DECISION_RULES, DecisionRule
+from truearm.wings.laboratory.standards.specification import check_no_verdict, named_standards
 
 V = TypeVar("V", bound=float | str)
 # Of an entry that a plan of an earlier version does not have.

@@ -38,7 +38,7 @@ import numpy as np
 from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.typing import FloatArray, IntArray
-from truearm.wings.laboratory.shapes.circumscribed_sphere import circumscribed_sphere
+from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_sphere
 from truearm.wings.laboratory.standards.artefacts import Artefacts
 from truearm.wings.laboratory.standards.layout import Placement, lay_out_tests
 from truearm.wings.laboratory.standards.positions import ZONES

@@ -19,20 +19,22 @@ from truearm.arm import Arm, solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.identification.sampling import farthest_points, joint_travel_limits
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
-from truearm.wings.planning.designs.poses import checked_count, checked_seed
-from truearm.wings.planning.designs.sampling.measuring import check_five_rotary_joints, inner_limits, measuring_poses
-from truearm.wings.planning.designs.sampling.seat import (
+from truearm.wings.planning.designs.planned_readings import checked_count, checked_seed
+from truearm.wings.planning.designs.sampling.measuring import (
     CONE_RAD,
     NOT_REACHED,
     SEAT_SECTOR,
     TOO_FEW,
+    check_five_rotary_joints,
     checked_points,
+    inner_limits,
+    measuring_poses,
     reach_in_seats,
 )
-from truearm.wings.planning.designs.sampling.surroundings import Surroundings
 from truearm.wings.planning.designs.sampling.workspace import (
     Sector,
     Stance,
+    Surroundings,
     draw_points,
     in_sector,
     is_above_table,

@@ -30,8 +30,7 @@ from truearm.wings.planning.designs.proposal import (
     information_rows,
     propose,
 )
-from truearm.wings.planning.designs.sampling.surroundings import Surroundings
-from truearm.wings.planning.designs.sampling.workspace import Sector
+from truearm.wings.planning.designs.sampling.workspace import Sector, Surroundings
 from truearm.wings.planning.designs.template import continue_seat_numbers
 
 NOISE_MM = 0.02

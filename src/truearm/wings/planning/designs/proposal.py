@@ -30,10 +30,9 @@ from truearm.wings.planning.designs.exchange import DesignProblem, select_candid
 from truearm.wings.planning.designs.factors import project_out
 from truearm.wings.planning.designs.information import design_problem, tip_jacobian
 from truearm.wings.planning.designs.observability import Observability, observability
-from truearm.wings.planning.designs.poses import checked_count, checked_seed
+from truearm.wings.planning.designs.planned_readings import checked_count, checked_seed
 from truearm.wings.planning.designs.prior import Prior
-from truearm.wings.planning.designs.sampling.surroundings import Surroundings
-from truearm.wings.planning.designs.sampling.workspace import Sector
+from truearm.wings.planning.designs.sampling.workspace import Sector, Surroundings
 from truearm.wings.planning.designs.tour import mean_joint_move, order_of_few_moves
 
 Progress = Callable[[int, str], None]

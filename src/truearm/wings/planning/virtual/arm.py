@@ -20,7 +20,7 @@ from truearm.identification.terms import ArmState, directions
 from truearm.identification.terms.thermal import link_temperatures
 from truearm.readings import PointErrors, Session, point_errors
 from truearm.typing import FloatArray
-from truearm.wings.planning.designs.poses import checked_seed
+from truearm.wings.planning.designs.planned_readings import checked_seed
 from truearm.wings.planning.virtual.error_model import (
     SystematicErrors,
     draw_geometry,

@@ -3,9 +3,8 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from truearm.wings.planning.designs.poses import HALF_WIDTH_RAD, Poses, box, uniform
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
-from truearm.wings.planning.designs.sampling.seat import seat
+from truearm.wings.planning.designs.planned_readings import HALF_WIDTH_RAD, Poses, box, uniform
+from truearm.wings.planning.designs.sampling.measuring import measuring_poses, seat
 from truearm.wings.planning.designs.sampling.workspace import Sector
 
 STRATEGIES: Mapping[str, Callable[..., Poses]] = {
