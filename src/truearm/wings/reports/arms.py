@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truearm.arm import Arm, Chain, DHTable, list_arms, load_arm, nearest_table
+from truearm.arm.arm import joint_zeros
 from truearm.arm.catalogue import MAKERS, maker_of
 from truearm.arm.couplings import coupling_text
-from truearm.arm.joint_zeros import joint_zeros
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.choices import Convention
 from truearm.errors import InputError
