@@ -12,6 +12,7 @@ import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +24,9 @@ from truearm.files.table_writer import table_writer
 from truearm.identification.from_sums import Iterate
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
-from truearm.readings.large_sessions import LargeSession
+from truearm.readings.large_sessions import LargeSession, sums_of_part
 from truearm.solve.executors import Executor, Processes, Serial
-from truearm.verbs import fit_large as fitting
-from truearm.verbs.evaluate_large import evaluate_large
-from truearm.verbs.fit_large import fit_large
-from truearm.verbs.pass_over_parts import sums_of_part
-from truearm.verbs.predict_large import predict_large
+from truearm.verbs.fit_sums import sent_model, sums_of_readings
 
 ROWS = Rows()
 # Readings that are made, and written as a row group, at once.
@@ -86,16 +83,16 @@ def fitted(kind: str, folder: str, workers: int) -> dict[str, float]:
     """CPU and elapsed seconds of a fit, and the peak memory of its largest process."""
     begun, elapsed = cpu_seconds(), time.perf_counter()
     with executor_of(workers) as executor:
-        found = fit_large("ur10", folder, model=kind, executor=executor)
+        found = ta.fit("ur10", folder, model=kind, executor=executor)
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
     return {
         "readings": found.n_readings,
         "workers": workers,
-        "passes": found.n_passes,
+        "passes": found.all_readings.n_passes,
         "CPU [s]": cpu_seconds() - begun,
         "elapsed [s]": time.perf_counter() - elapsed,
         "peak [MB]": max(peak_bytes(), children) / 1e6,
-        "effective": found.n_effective or 0.0,
+        "effective": found.all_readings.n_effective or 0.0,
         "held out [mm]": found.held_out_mm[0] if found.held_out_mm else 0.0,
     }
 
@@ -132,8 +129,8 @@ def read_and_used(folder: str, workers: int) -> dict[str, float]:
     works: dict[str, Callable[[], object]] = {
         "pandas [s]": lambda: (pandas.read_csv if file.suffix == ".csv" else pandas.read_parquet)(file),
         "read [s]": lambda: sum(len(one) for part in LargeSession.open(folder).parts for one in part.sessions()),
-        "predict [s]": lambda: of_all(predict_large, out),
-        "evaluate [s]": lambda: of_all(evaluate_large),
+        "predict [s]": lambda: of_all(ta.predict, out),
+        "evaluate [s]": lambda: of_all(ta.evaluate),
     }
     for name, work in works.items():
         begun = cpu_seconds()
@@ -176,7 +173,8 @@ def sent(readings: tuple[int, ...] = (100_000,)) -> RowResult:
     part = LargeSession.open(folder).parts[0]
     model = ta.load_model(scratch() / "arm.truearm")
     at = Iterate(model.fit_.coefficients, model.fit_.references[0].noise_std ** 2)
-    task = fitting.SumTask(fitting.sent_model(model, model.fit_), at, at.x, 10.0, "skip", None, part.n_readings)
+    light, of_session = sent_model(model, model.fit_), {"limits": "skip", "accept": None, "n_session": part.n_readings}
+    task = partial(sums_of_readings, model=light, at=at, without_part=at.x, gross_limit=10.0, **of_session)
     sums = sums_of_part((task, part))
     table = [
         {

@@ -5,6 +5,7 @@ for type checkers and editors.
 """
 
 from importlib import import_module as _import_module
+from warnings import warn as _warn
 
 from truearm.wings import public_modules as _public_modules
 from truearm.wings import public_names as _public_names
@@ -22,13 +23,19 @@ _HOMES = {
     "truearm.readings": ("Lengths", "Session", "read_lengths", "read_session"),
     "truearm.verbs.diagnose": ("Diagnosis", "diagnose"),
     "truearm.verbs.evaluate": ("Evaluation", "evaluate"),
-    "truearm.verbs.evaluate_large": ("LargeEvaluation", "evaluate_large"),
     "truearm.verbs.fit": ("FitResult", "fit"),
-    "truearm.verbs.fit_large": ("LargeFit", "fit_large"),
     "truearm.verbs.predict": ("Prediction", "predict"),
-    "truearm.verbs.predict_large": ("LargePrediction", "predict_large"),
     "truearm.verbs.refit": ("RefitResult", "refit"),
     **_public_names(),
+}
+# Former names, until the next release: a session of any size goes through one verb.
+_FORMER = {
+    "LargeEvaluation": "Evaluation",
+    "LargeFit": "FitResult",
+    "LargePrediction": "Prediction",
+    "evaluate_large": "evaluate",
+    "fit_large": "fit",
+    "predict_large": "predict",
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -40,6 +47,9 @@ __all__ = sorted([*_HOME_OF, *_MODULES, "__version__"])
 def __getattr__(name: str) -> object:
     if name in _MODULES:
         return _import_module(_MODULES[name])
+    if name in _FORMER:
+        _warn(f"truearm.{name} is truearm.{_FORMER[name]} now", DeprecationWarning, stacklevel=2)
+        name = _FORMER[name]
     if name not in _HOME_OF:
         raise AttributeError(f"module 'truearm' has no attribute {name!r}")
     try:

@@ -110,9 +110,3 @@ from truearm.wings.reports.report import ReportResult as ReportResult
 from truearm.wings.reports.report import report as report
 
 __version__: str
-from truearm.verbs.evaluate_large import LargeEvaluation as LargeEvaluation
-from truearm.verbs.evaluate_large import evaluate_large as evaluate_large
-from truearm.verbs.fit_large import LargeFit as LargeFit
-from truearm.verbs.fit_large import fit_large as fit_large
-from truearm.verbs.predict_large import LargePrediction as LargePrediction
-from truearm.verbs.predict_large import predict_large as predict_large

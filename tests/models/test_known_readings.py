@@ -9,7 +9,6 @@ import pytest
 
 import truearm as ta
 from truearm.models import load_model
-from truearm.verbs.evaluate_large import evaluate_large
 
 N = 59
 
@@ -62,7 +61,7 @@ def test_one_row_changed_is_the_one_that_is_tested(model, session):
 def test_parts_of_a_large_session_are_judged_as_one(model, session, tmp_path):
     for name, rows in (("a", np.arange(30)), ("b", np.arange(30, N))):
         session.rows(rows).save(tmp_path / f"{name}.csv")
-    assert "59 of 59 are training readings of the model" in str(evaluate_large(model, tmp_path))
+    assert "59 of 59 are training readings of the model" in str(ta.evaluate(model, tmp_path))
 
 
 def test_repeats_that_were_merged_are_known_one_by_one(session):

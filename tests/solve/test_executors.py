@@ -20,7 +20,6 @@ import truearm as ta
 from truearm.errors import InputError, TruearmError
 from truearm.solve import executors
 from truearm.solve.executors import AHEAD, Dask, Processes, Serial, WorkerLost, chosen_executor, results_in_order
-from truearm.verbs.evaluate_large import evaluate_large
 
 needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
 
@@ -197,11 +196,11 @@ def test_sums_over_a_large_session_are_the_same_on_a_cluster(cluster, tmp_path):
     model = ta.fit("ur10", session.rows(np.arange(60)), model="nominal").model
     for name, rows in (("a", np.arange(200)), ("b", np.arange(200, 300))):
         session.rows(rows).save(tmp_path / f"{name}.csv")
-    found = evaluate_large(model, tmp_path, executor=Dask(cluster.scheduler_address))
+    found = ta.evaluate(model, tmp_path, executor=Dask(cluster.scheduler_address))
     assert found.n_parts == 2
-    assert found.to_dict() == evaluate_large(model, tmp_path).to_dict()
+    assert found.to_dict() == ta.evaluate(model, tmp_path).to_dict()
     one, other = (
-        ta.fit_large("ur10", tmp_path, model="nominal", executor=executor).model.fit_
+        ta.fit("ur10", tmp_path, model="nominal", executor=executor).model.fit_
         for executor in (None, Dask(cluster.scheduler_address))
     )
     assert np.array_equal(one.coefficients, other.coefficients)

@@ -38,7 +38,7 @@ def test_a_model_of_every_door_is_one_that_every_command_reads(session, line, tm
     small = ta.fit("ur10", session, model=kind)
     doors = {
         "small": small.save,
-        "large": ta.fit_large("ur10", line, model=kind).save,
+        "large": ta.fit("ur10", line, model=kind).save,
         "refit": ta.refit(small.model, session, n_readings=20).save,
         "model": small.model.save,
     }

@@ -14,7 +14,6 @@ from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import large_sessions as module
 from truearm.readings.columns import session_columns
 from truearm.solve.executors import Processes
-from truearm.verbs.fit_large import fit_large
 
 N, PART = 24 * 1024, 4 * 1024
 RHO = 0.9
@@ -61,7 +60,7 @@ def folder(session, tmp_path_factory):
 def found(folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "SAMPLE", 1000)
-        return fit_large("ur10", folder, model="kinematic")
+        return ta.fit("ur10", folder, model="kinematic")
 
 
 @pytest.fixture(scope="module", params=[2, 8])
@@ -83,9 +82,9 @@ def test_a_file_in_other_units_is_named(folder_with_radians, tmp_path):
         else "or fit each file alone"
     )
     with pytest.raises(Contradiction, match=said):
-        fit_large("ur10", folder_with_radians, model="nominal")
+        ta.fit("ur10", folder_with_radians, model="nominal")
     model = ta.fit("ur10", folder_with_radians / "1.csv", model="nominal").model
-    evaluation = ta.evaluate_large(model, folder_with_radians)
+    evaluation = ta.evaluate(model, folder_with_radians)
     assert "40 of them are in 0.csv: it may be in other units" in str(evaluation)
     assert list(evaluation.to_dict()["outliers_of_file"].values()) == [40]
 
@@ -93,7 +92,7 @@ def test_a_file_in_other_units_is_named(folder_with_radians, tmp_path):
 def test_the_arm_of_all_readings_is_nearer_to_the_truth_than_that_of_the_sample(found, folder, truth, tmp_path):
     rng = np.random.default_rng(5)
     test = ta.Session(0.9 * rng.normal(size=(300, 6)))
-    sample = ta.fit("ur10", found.result.session, model="kinematic").model
+    sample = ta.fit("ur10", found.session, model="kinematic").model
 
     def error(model):
         return np.sqrt(((model.predict_readings(test) - truth.predict_readings(test)) ** 2).mean())
@@ -122,7 +121,7 @@ def test_it_says_what_the_readings_are_worth_and_which_were_excluded(found):
 
 
 def test_the_model_does_not_depend_on_who_sums(found, folder):
-    again = fit_large("ur10", folder, model="kinematic", executor=Processes(2))
+    again = ta.fit("ur10", folder, model="kinematic", executor=Processes(2))
     assert np.array_equal(again.model.fit_.coefficients, found.model.fit_.coefficients)
     assert np.array_equal(again.model.fit_.covariance, found.model.fit_.covariance)
     one, other = again.to_dict(), found.to_dict()
@@ -143,24 +142,24 @@ def test_conditions_are_those_of_all_readings(found, session):
 
 
 def test_a_nominal_arm_is_placed_by_all_readings(folder):
-    found = fit_large("ur10", folder, model="nominal")
-    assert found.total.sums.gram.shape == (9, 9)
+    found = ta.fit("ur10", folder, model="nominal")
+    assert found.all_readings.total.sums.gram.shape == (9, 9)
     assert found.model.nominal_ is found.model.fit_
-    assert not found.of_sample
+    assert not found.all_readings.of_sample
 
 
 def test_models_that_are_no_sums_are_those_of_the_sample_and_say_so(folder):
-    found = fit_large("ur10", folder, model="network", hidden=(3,), epochs=2)
-    assert found.of_sample
+    found = ta.fit("ur10", folder, model="network", hidden=(3,), epochs=2)
+    assert found.all_readings.of_sample
     assert "The model is that of 1000 readings, evenly spaced in the session, and not of all" in str(found)
-    assert found.n_effective is None
+    assert found.all_readings.n_effective is None
 
 
 def test_a_large_session_without_points_is_refused_as_a_small_one(session, tmp_path):
     (tmp_path / "set").mkdir()
     ta.Session(session.angles[:300]).save(tmp_path / "set" / "a.csv")
     with pytest.raises(InputError, match="no reference at all"):
-        fit_large("ur10", tmp_path / "set", model="kinematic")
+        ta.fit("ur10", tmp_path / "set", model="kinematic")
 
 
 def test_the_limit_of_gross_errors_is_beyond_honest_ones(truth):

@@ -10,11 +10,10 @@ import pytest
 import truearm as ta
 from truearm.command_line import run
 from truearm.errors import InputError
-from truearm.readings import large_sessions, read_session
-from truearm.readings.large_sessions import LargeSession, is_large
+from truearm.readings import files, large_sessions, read_session
+from truearm.readings.files import is_large
+from truearm.readings.large_sessions import LargeSession
 from truearm.solve.executors import Processes, Serial
-from truearm.verbs.evaluate_large import evaluate_large
-from truearm.verbs.predict_large import predict_large
 
 N = 3000
 
@@ -64,16 +63,16 @@ def test_a_large_session_is_a_folder_or_a_file_beyond_the_limit(folder, monkeypa
     assert is_large(folder)
     assert not is_large(folder / "a.csv")
     assert not is_large(tmp_path / "missing.csv")
-    monkeypatch.setattr(large_sessions, "MAX_BYTES", 1000)
-    monkeypatch.setattr(large_sessions, "MAX_CELLS", 100)
+    monkeypatch.setattr(files, "MAX_BYTES", 1000)
+    monkeypatch.setattr(files, "MAX_CELLS", 100)
     assert is_large(folder / "a.csv")
     assert is_large(folder / "b" / "rest.parquet")
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_points_are_those_of_the_whole_session_whoever_computes_them(folder, session, model, tmp_path, ending):
-    found = predict_large(model, folder, tmp_path / f"a.{ending}")
-    predict_large(model, folder, tmp_path / f"b.{ending}", executor=Processes(2) if ending == "csv" else Serial())
+    found = ta.predict(model, folder, tmp_path / f"a.{ending}")
+    ta.predict(model, folder, tmp_path / f"b.{ending}", executor=Processes(2) if ending == "csv" else Serial())
     assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes()
     whole = ta.predict(model, session)
     pandas = pytest.importorskip("pandas")
@@ -89,14 +88,14 @@ def test_points_are_those_of_the_whole_session_whoever_computes_them(folder, ses
 
 
 def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, model):
-    parts, whole = evaluate_large(model, folder), ta.evaluate(model, session)
+    parts, whole = ta.evaluate(model, folder), ta.evaluate(model, session)
     for name, errors in parts.errors.items():
         for figure, value in errors.items():
             assert value == pytest.approx(whole.errors[name][figure], rel=2e-3 if "p95" in figure else 1e-9)
     assert parts.coverage == whole.coverage
     assert parts.sums.n_covered_99 == whole.budget.n_covered_99
     assert parts.to_dict()["combined_u_mm"] == pytest.approx(whole.budget.combined_mm)
-    again = evaluate_large(model, folder, executor=Processes(2))
+    again = ta.evaluate(model, folder, executor=Processes(2))
     assert again.to_dict() == parts.to_dict()
 
 
@@ -110,11 +109,11 @@ def test_a_part_without_points_takes_no_other_away(session, model, tmp_path, wit
     some = replace(session.rows(np.arange(60)), points=points, point_std=None)
     some.save(folder / "a.parquet")
     pandas.read_parquet(folder / "a.parquet").to_parquet(folder / "a.parquet", row_group_size=20)
-    whole, parts = ta.evaluate(model, some), evaluate_large(model, folder)
+    whole, parts = ta.evaluate(model, some), ta.evaluate(model, folder)
     assert parts.errors["model"]["n"] == whole.errors["model"]["n"] == 40
     assert parts.coverage == whole.coverage
     assert np.array_equal(LargeSession.open(folder).sample(60).points, points, equal_nan=True)
-    assert ta.fit_large("ur10", folder, model="nominal").total.sums.n == 40
+    assert ta.fit("ur10", folder, model="nominal").all_readings.total.sums.n == 40
     command = ["split", folder, "--train", tmp_path / "a.csv", "--test", tmp_path / "b.csv", "--by", "session"]
     frame = pandas.read_parquet(folder / "a.parquet")
     frame.assign(session=np.repeat(["1", "2"], [59, 1])).to_parquet(folder / "a.parquet", row_group_size=20)
@@ -132,13 +131,13 @@ def test_a_part_beyond_the_limits_is_skipped_as_in_a_small_session(session, mode
     beyond = replace(few, angles=angles)
     for name, rows in (("a", np.arange(57)), ("b", np.arange(57, 60))):
         beyond.rows(rows).save(folder / f"{name}.csv")
-    whole, parts = ta.evaluate(model, beyond), evaluate_large(model, folder)
+    whole, parts = ta.evaluate(model, beyond), ta.evaluate(model, folder)
     assert parts.errors["model"]["n"] == 57
     assert parts.errors["model"]["mean_mm"] == pytest.approx(whole.errors["model"]["mean_mm"], rel=1e-9)
-    assert ta.fit_large("ur10", folder, model="nominal").total.sums.n == 57
+    assert ta.fit("ur10", folder, model="nominal").all_readings.total.sums.n == 57
     (folder / "a.csv").unlink()
     with pytest.raises(InputError, match="3 of 3 readings are outside the limits of a joint"):
-        evaluate_large(model, folder)
+        ta.evaluate(model, folder)
 
 
 def test_readings_of_the_training_are_recognised(session, folder, tmp_path, monkeypatch):
@@ -147,16 +146,16 @@ def test_readings_of_the_training_are_recognised(session, folder, tmp_path, monk
     for name, rows in (("a", np.arange(120)), ("b", np.arange(120, 200))):
         session.rows(rows).save(own / f"{name}.csv")
     monkeypatch.setattr(large_sessions, "SAMPLE", 70)
-    model = ta.fit_large("ur10", own, model="nominal").model
+    model = ta.fit("ur10", own, model="nominal").model
     said = "about 200 of 200 are training readings of the model (its file knows 70 of 200)"
-    assert any(said in remark for remark in evaluate_large(model, own).sums.remarks)
-    assert not any(said in remark for remark in evaluate_large(model, folder).sums.remarks)
+    assert any(said in remark for remark in ta.evaluate(model, own).remarks)
+    assert not any(said in remark for remark in ta.evaluate(model, folder).remarks)
 
 
 def test_a_page_shows_a_sample_and_the_errors_of_all(folder, model, tmp_path, monkeypatch):
     monkeypatch.setattr(large_sessions, "SAMPLE", 300)
     found = ta.report({"ours": model}, folder, tmp_path / "page.html")
-    errors = evaluate_large(model, folder).errors["model"]
+    errors = ta.evaluate(model, folder).errors["model"]
     sample, of_all = found.of_large
     assert sample.startswith("Figures and tables are of 300 of 3000 readings")
     assert of_all.startswith(f"ours, all {N - 200} readings: mean error {errors['mean_mm']:.4f} mm")
@@ -190,7 +189,7 @@ def test_a_fault_is_in_its_line_and_no_table_is_written(session, model, tmp_path
         large.sample(N)
     assert caught.value.line == 2501
     with pytest.raises(InputError, match="line 2501"):
-        predict_large(model, file, tmp_path / "p.csv")
+        ta.predict(model, file, tmp_path / "p.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["s.csv"]
 
 
@@ -260,8 +259,8 @@ def test_readings_in_the_folder_are_not_overwritten(session, model, tmp_path):
     (folder / "b.csv").symlink_to(tmp_path / "other.csv")
     for out in (folder / "a.csv", folder / "new.csv", tmp_path / "other.csv"):
         with pytest.raises(InputError, match="one of the readings in the folder"):
-            predict_large(model, folder, out)
-    assert predict_large(model, folder, tmp_path / "points.csv").sums.n_points == 18
+            ta.predict(model, folder, out)
+    assert ta.predict(model, folder, tmp_path / "points.csv").sums.n == 18
 
 
 def test_what_is_no_data_set_is_refused(session, tmp_path):

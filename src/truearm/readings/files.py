@@ -122,6 +122,19 @@ def _first_broken(words: NameArray) -> str | None:
     return next((w for w in np.unique(words).tolist() if any(sign in w for sign in "\n\r\0")), None)
 
 
+def is_large(path: object) -> bool:
+    """Whether a session is read part by part: that of a folder, or of a file beyond the limits of `read_fields`."""
+    if not isinstance(path, str | Path):
+        return False
+    path = Path(path)
+    if path.is_dir():
+        return True
+    if not path.is_file() or not is_parquet(path):
+        return path.is_file() and path.stat().st_size > MAX_BYTES
+    with open_parquet(path) as file:
+        return path.stat().st_size > MAX_BYTES or file.metadata.num_rows * len(file.schema_arrow.names) > MAX_CELLS
+
+
 def is_parquet(path: Path) -> bool:
     """Whether a file is of Parquet, by its name or by how it begins."""
     if path.suffix in (".parquet", ".pq"):

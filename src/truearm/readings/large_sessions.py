@@ -10,14 +10,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import reduce
 from itertools import accumulate, pairwise
+from operator import add
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import MAX_BYTES, Sheet, as_utf8
+from truearm.files.delimited import Sheet, as_utf8
 from truearm.files.file_reading import access_error, check_readable
 from truearm.files.spreadsheet_forms import encoding_of_form, form_of
 from truearm.readings.columns import QUATERNION, Columns, fields_of_frame, recognise_columns, session_columns
@@ -25,7 +27,11 @@ from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_
 from truearm.readings.session import Session
 from truearm.readings.split import chosen_groups, group_names
 from truearm.solve.executors import Executor, Serial, results_in_order
+from truearm.solve.sums import Sums
+from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
+
+S = TypeVar("S", bound=Sums)
 
 # Bytes of the lines of a part: some ten thousand readings, in the memory some ten times as large.
 PART_BYTES = 2**23
@@ -275,23 +281,43 @@ class LargeSession:
         numbers = [cast(IntArray, one.numbers) + first for one, first in zip(sessions, firsts, strict=True)]
         return replace(found, numbers=np.concatenate(numbers), by_line=False, file=self.path)
 
+    def sums(
+        self,
+        works: Sequence[Callable[[Session, Part], S]],
+        executor: Executor | None,
+        progress: Callable[[int, str], None] | None,
+        *,
+        label: str = "",
+    ) -> Iterator[S]:
+        """Iterate over the sums of the parts, in the order of the parts: what follows does not depend on the engine.
+
+        Parameters
+        ----------
+        works : sequence of callable
+            What is computed of each part, from some consecutive readings of it and the part; it is sent to the workers.
+        executor : Executor, optional
+            This process by default.
+        progress : callable, optional
+            Called with the number of readings done and a note, which begins with a `label`.
+        """
+        done, tasks = 0, list(zip(works, self.parts, strict=True))
+        for part, sums in zip(self.parts, results_in_order(executor or Serial(), sums_of_part, tasks), strict=True):
+            yield sums
+            done += part.n_readings
+            if progress is not None:
+                progress(done, f"{label}{done} of {len(self)} readings")
+
 
 def _rows_of_part(task: tuple[Part, IntArray]) -> Session:
     part, which = task
     return part.rows(which)
 
 
-def is_large(path: object) -> bool:
-    """Whether a session is read part by part: that of a folder, or of a file beyond the limits of `read_session`."""
-    if not isinstance(path, str | Path):
-        return False
-    path = Path(path)
-    if path.is_dir():
-        return True
-    if not path.is_file() or not is_parquet(path):
-        return path.is_file() and path.stat().st_size > MAX_BYTES
-    with open_parquet(path) as file:
-        return path.stat().st_size > MAX_BYTES or file.metadata.num_rows * len(file.schema_arrow.names) > MAX_CELLS
+@one_blas_thread()
+def sums_of_part(task: tuple[Callable[[Session, Part], S], Part]) -> S:
+    """Sums over the readings of one part."""
+    work, part = task
+    return reduce(add, (work(readings, part) for readings in part.sessions()))
 
 
 def held_out_rows(large: LargeSession, *, by: str, fraction: float, seed: int) -> Callable[[Session, int], BoolArray]:

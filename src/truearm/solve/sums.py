@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
 from truearm.typing import FloatArray
 
+T = TypeVar("T")
+
 _JOINED = "joined"
+# What parts say that is kept.
+MAX_KEPT = 6
 
 
 def joined(by: Callable[[Any, Any], Any]) -> dict[str, Any]:
@@ -21,6 +25,11 @@ def joined(by: Callable[[Any, Any], Any]) -> dict[str, Any]:
 def one_below_the_other(a: FloatArray, b: FloatArray) -> FloatArray:
     """The rows of both arrays."""
     return np.concatenate([a, b])
+
+
+def first_different(a: tuple[T, ...], b: tuple[T, ...]) -> tuple[T, ...]:
+    """The first different of what parts say, `MAX_KEPT` of them."""
+    return tuple(dict.fromkeys((*a, *b)))[:MAX_KEPT]
 
 
 @dataclass(frozen=True, eq=False)

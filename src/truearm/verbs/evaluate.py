@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.choices import Conditions
+from truearm.errors import InputError
 from truearm.findings import Finding, findings_of
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models import Compensator
@@ -25,6 +26,7 @@ from truearm.readings import (
     seat_errors,
 )
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
+from truearm.readings.files import is_large
 from truearm.readings.seats import has_repeated_seat
 from truearm.readings.thermal_expansion import expanded_lengths
 from truearm.solve.threads import one_blas_thread
@@ -34,6 +36,8 @@ from truearm.verbs.inputs import (
     Limits,
     SessionLike,
     evaluation_findings,
+    parts_of,
+    to_model,
     to_model_and_session,
     to_session,
     used_readings,
@@ -41,6 +45,10 @@ from truearm.verbs.inputs import (
 from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
 from truearm.verbs.regressors import AnyModelLike, RegressorLike, is_regressor, predict_points, regressor_remark
 from truearm.verbs.sentences import SAME_DAY, compare_with_nominal, format_mm, listed, number_of, with_lengths
+
+if TYPE_CHECKING:
+    from truearm.solve.executors import Executor
+    from truearm.verbs.evaluation_sums import EvaluationSums
 
 PURPOSE = "evaluate against"
 
@@ -55,6 +63,8 @@ def evaluate(
     limits: Limits = "skip",
     conditions: Conditions | None = None,
     accept: str | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int, str], None] | None = None,
 ) -> Evaluation:
     """Test a model on readings it was not fitted to, beside the nominal arm.
 
@@ -63,7 +73,8 @@ def evaluate(
     distance between two such means with the known length. Distances to an anchor are compared with those of the
     predicted points from the place that fits them best. Readings that the model was fitted or refitted to are
     skipped, unless there are no others. Readings that repeat a pose count as one, their mean
-    (`truearm.readings.repeats`), as in `fit`.
+    (`truearm.readings.repeats`), as in `fit`. Seats, lengths, distances and repeats compare readings of different parts
+    with each other: of a session in parts (docs/large-sessions.md) only reference points are evaluated.
 
     A regressor of the user's own, of scikit-learn or any object with `predict`, fitted by ``regressor.fit(train.angles,
     train.points)``, is compared with the same references. It has no nominal arm, joint limits or stated uncertainty;
@@ -74,7 +85,8 @@ def evaluate(
     model : Compensator, str, Path or regressor
         A fitted model or its file, or a fitted object whose ``predict(angles)`` returns (n, 3) points [mm].
     session : Session, DataFrame, str or Path
-        Readings with reference points, seats or distances to anchors.
+        Readings with reference points, seats or distances to anchors. A folder of files, or a file beyond 512 MiB, is
+        read part by part.
     lengths : Lengths, str or Path, optional
         Known lengths between seats of the session.
     limits : {"skip", "ignore"}
@@ -85,6 +97,10 @@ def evaluate(
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
         kept (docs/imperfect-readings.md).
+    executor : Executor, optional
+        Who computes the parts; this process by default. The figures do not depend on it.
+    progress : callable, optional
+        Called with the number of readings of the parts that are done, and a note.
 
     Returns
     -------
@@ -107,6 +123,8 @@ def evaluate(
     """
     if is_regressor(model):
         return _evaluate_regressor(model, to_session(session), lengths, accept)
+    if is_large(session):
+        return _evaluate_parts(to_model(model), session, lengths, limits, conditions, accept, executor, progress)
     fitted, given = to_model_and_session(model, session)
     tested = used_readings(given, fitted.arm, fitted, limits=limits, lengths=lengths, purpose=PURPOSE)
     used, known = tested.session, expanded_lengths(tested.lengths, tested.session)
@@ -147,6 +165,37 @@ def evaluate(
     )
 
 
+def _evaluate_parts(
+    model: Compensator,
+    session: SessionLike,
+    lengths: LengthsLike | None,
+    limits: Limits,
+    conditions: Conditions | None,
+    accept: str | None,
+    executor: Executor | None,
+    progress: Callable[[int, str], None] | None,
+) -> Evaluation:
+    from truearm.verbs.evaluation_sums import sums_over_parts  # no small session waits for it
+
+    large = parts_of(session, n_joints=model.arm.n_joints)
+    if lengths is not None:
+        raise InputError("lengths are not compared in a session in parts", file=large.path, hint="omit them")
+    sums = sums_over_parts(model, large, limits, conditions, accept, executor, progress)
+    return Evaluation(
+        model,
+        None,
+        {},
+        sums.errors(),
+        None,
+        conditions=conditions,
+        outliers=sums.outliers,
+        n_training=sums.n_training,
+        findings=sums.findings,
+        n_parts=len(large.parts),
+        sums=sums,
+    )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation(TableRecord):
     """Errors of a model and of the nominal arm on the readings of a session.
@@ -154,27 +203,35 @@ class Evaluation(TableRecord):
     Attributes
     ----------
     model : Compensator or regressor
-    session : Session
-        The readings that were used, those that repeat each other merged into their mean.
+    session : Session or None
+        The readings that were used, those that repeat each other merged into their mean; None of a session in parts.
     predicted : dict of str to (n, 3) array
-        Points of ``"nominal"`` and ``"model"`` [mm]; of a regressor those of ``"model"`` alone.
+        Points of ``"nominal"`` and ``"model"`` [mm]; of a regressor those of ``"model"`` alone; of a session in parts
+        none.
     errors : dict of str to dict
         For each: ``mean_mm``, ``rms_mm``, ``p95_mm``, ``max_mm``, ``mean_abs_coordinate_mm`` and
         ``max_abs_coordinate_mm`` against reference points; ``seat_mean_mm`` and others in seats; ``lengths``;
-        ``distance_mean_mm`` and others of distances, with ``anchors`` and ``distances`` one by one.
+        ``distance_mean_mm`` and others of distances, with ``anchors`` and ``distances`` one by one. The 95 % quantile
+        of a session in parts is known to 0.1 %.
     lengths : Lengths or None
         Known lengths at the temperature of the readings.
     budget : UncertaintyBudget or None
-        Uncertainty under reproducibility conditions, and its coverage; None without points, and of a regressor.
+        Uncertainty under reproducibility conditions, and its coverage; None without points, of a regressor, and of a
+        session in parts.
     repeatability_budget : UncertaintyBudget or None
         The same under repeatability conditions; None where that makes no difference.
     conditions : {"reproducibility", "repeatability"} or None
         Those of these readings; None where neither a person nor the names of their sessions say it.
     outliers : tuple of Outlier
-        Readings farther from their reference point than eight stated standard uncertainties.
+        Readings farther from their reference point than eight stated standard uncertainties; of a session in parts
+        the largest 20.
     n_training : int
         Readings that were skipped because the model was fitted or refitted to them.
     findings : tuple of Finding
+    n_parts : int
+        In which the session was read.
+    sums : EvaluationSums or None
+        Figures of a session in parts.
 
     Examples
     --------
@@ -186,7 +243,7 @@ class Evaluation(TableRecord):
     """
 
     model: Compensator | RegressorLike
-    session: Session
+    session: Session | None
     predicted: Mapping[str, FloatArray]
     errors: Mapping[str, Mapping[str, Any]]
     lengths: Lengths | None
@@ -196,6 +253,8 @@ class Evaluation(TableRecord):
     outliers: tuple[Outlier, ...] = ()
     n_training: int = 0
     findings: tuple[Finding, ...] = ()
+    n_parts: int = 1
+    sums: EvaluationSums | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -204,12 +263,19 @@ class Evaluation(TableRecord):
 
     @property
     def coverage(self) -> float | None:
-        """Share of the reference points inside the 95 % ellipsoid that the model states for any day."""
+        """Share of the reference points inside the 95 % ellipsoid that the model states for any day.
+
+        Of a session in parts that which it states for the conditions of the readings.
+        """
+        if self.sums is not None:
+            return self.sums.n_covered / self.sums.n
         return None if self.budget is None else self.budget.coverage
 
     @property
     def coverage_99(self) -> float | None:
         """Share of them inside that of 99 %."""
+        if self.sums is not None:
+            return self.sums.n_covered_99 / self.sums.n
         return None if self.budget is None else self.budget.n_covered_99 / self.budget.n_points
 
     def summary(self) -> str:
@@ -239,6 +305,8 @@ class Evaluation(TableRecord):
         """See `Record.blocks`."""
         yield self.summary()
         own = self.errors["model"]
+        if self.sums is not None:
+            yield self.sums.effective_number()
         if "mean_mm" in own:
             names = [name for name in own if name.endswith("_mm") and not name.startswith(("seat_", "distance_"))]
             yield self._table(f"{own['n']} readings", names)
@@ -259,6 +327,8 @@ class Evaluation(TableRecord):
         if "lengths" in own:
             yield self._lengths_table()
         yield from listed("outlier", self.outliers, "readings")
+        if self.sums is not None:
+            yield from self.sums.skipped_and_outliers()
         yield from self.remarks
 
     def columns(self) -> dict[str, list[Any]]:
@@ -269,11 +339,13 @@ class Evaluation(TableRecord):
         """The model's errors by their names, and those of the nominal arm under ``nominal``."""
         errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
         others = self._named("coverage", "coverage_99", "conditions", "n_training", "outliers", "remarks")
-        same = self.repeatability_budget
-        return {"summary": self.summary(), **errors, **others, "repeatability_coverage": same and same.coverage}
+        same, sums = self.repeatability_budget, self.sums
+        of_parts = {} if sums is None else {"n_parts": self.n_parts, **sums.to_json()}
+        others["repeatability_coverage"] = same and same.coverage
+        return {"summary": self.summary(), **errors, **others, **of_parts}
 
     def _errors_mm(self) -> Mapping[str, FloatArray]:
-        if (points := self.session.points) is None:
+        if self.session is None or (points := self.session.points) is None:
             return {}
         there = self.session.has_point
         return {name: np.linalg.norm((at - points)[there], axis=1) for name, at in self.predicted.items()}

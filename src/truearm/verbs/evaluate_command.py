@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -11,8 +11,6 @@ from typer import Argument, Option
 from truearm.choices import Conditions
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.options import (
-    LARGE_ONLY,
-    ONLY_LARGE,
     AcceptOption,
     Json,
     LengthsFile,
@@ -20,7 +18,7 @@ from truearm.verbs.options import (
     ModelFile,
     SchedulerOption,
     WorkersOption,
-    refuse_typed,
+    executor_of,
 )
 
 
@@ -59,29 +57,10 @@ def evaluate(
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out; only its reference points are compared (docs/large-sessions.md).
     """
-    from truearm.readings.large_sessions import is_large
     from truearm.verbs.evaluate import evaluate as evaluate_model
 
-    if is_large(session):
-        from truearm.solve.executors import chosen_executor  # no small session waits for these
-        from truearm.verbs.evaluate_large import evaluate_large
-
-        refuse_typed(context, ("lengths",), "does not apply to large sessions")
-        with progress(f"evaluating {session.name}") as update:
-            large = evaluate_large(
-                model,
-                session,
-                limits=limits,
-                conditions=conditions,
-                accept=accept,
-                executor=chosen_executor(workers, scheduler),
-                progress=update,
-            )
-        print_record(large, as_json=as_json)
-        return
-    refuse_typed(context, LARGE_ONLY, ONLY_LARGE)
-    with progress(f"evaluating {session.name}"):
-        evaluation = evaluate_model(
-            model, session, lengths=lengths, limits=limits, conditions=conditions, accept=accept
-        )
+    executor = executor_of(context, session, workers, scheduler)
+    options: dict[str, Any] = {"lengths": lengths, "limits": limits, "conditions": conditions, "accept": accept}
+    with progress(f"evaluating {session.name}") as update:
+        evaluation = evaluate_model(model, session, executor=executor, progress=update, **options)
     print_record(evaluation, as_json=as_json)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from truearm.acceptance import acceptance_remarks, accepts
 from truearm.arm import Arm
 from truearm.arm.arm import joint_zeros, with_zeros
 from truearm.choices import ModelName
-from truearm.errors import InputError
+from truearm.errors import Contradiction, InputError
 from truearm.findings import Finding, findings_of, in_order
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.judgement.frame_changes import SessionChange
@@ -25,6 +26,7 @@ from truearm.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings, with_seria
 from truearm.models.identified_model import IdentifiedModel, to_identified
 from truearm.models.selection import ModelScore, fit_chosen, on_common_readings, select_model
 from truearm.readings import Session
+from truearm.readings.files import is_large
 from truearm.readings.repeats import readings_of_one_pose
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
@@ -33,6 +35,7 @@ from truearm.verbs.inputs import (
     LengthsLike,
     Limits,
     SessionLike,
+    parts_of,
     readings_to_fit,
     repeated_readings,
     to_arm,
@@ -41,6 +44,10 @@ from truearm.verbs.inputs import (
 )
 from truearm.verbs.record import Record, TextTable, format_fixed
 from truearm.verbs.sentences import compare_with_nominal, format_mm, listed, with_lengths
+
+if TYPE_CHECKING:
+    from truearm.solve.executors import Executor
+    from truearm.verbs.fit_sums import AllReadings
 
 # Models that identify no constants, and take no type prior.
 WITHOUT_CONSTANTS = frozenset({"nominal", "network"})
@@ -60,10 +67,15 @@ def fit(
     limits: Limits = "skip",
     prior: TypePrior | str | Path | None = None,
     accept: str | None = None,
+    executor: Executor | None = None,
     progress: Callable[[int, str], None] | None = None,
     **options: Any,
 ) -> FitResult:
     """Identify an arm: fit a model to the readings of a session.
+
+    Of a session in parts (docs/large-sessions.md) an evenly spaced sample is fitted: it shows whether the readings are
+    of the arm, which model and which terms, what it leaves unexplained and where. The coefficients of a nominal or
+    kinematic model and their covariance are then those of all readings, by sums over the parts.
 
     Parameters
     ----------
@@ -71,7 +83,8 @@ def fit(
         The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF. None for a network, which needs none:
         the number and kind of the joints, and all ranges, are those of the readings.
     session : Session, DataFrame, str or Path
-        Readings with reference points, seats, distances to anchors or surfaces.
+        Readings with reference points, seats, distances to anchors or surfaces. A folder of files, or a file beyond
+        512 MiB, is read part by part.
     model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
         ``"auto"`` fits the first three, and the hybrid model where it may win, and selects the simplest whose mean
         error on held-out readings is within one standard error of the smallest; of fewer than ten positions or
@@ -90,8 +103,10 @@ def fit(
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
         kept (docs/imperfect-readings.md).
+    executor : Executor, optional
+        Who sums over the parts; this process by default. The model does not depend on it.
     progress : callable, optional
-        Called with the number of steps done and a note.
+        Called with the number of steps done, of parts that of their readings, and a note.
     **options
         Of the model's class, such as ``hidden=(50, 50)`` for a network or ``terms``, terms of your own for the
         physical model; with ``"auto"`` only ``residual`` and ``terms``.
@@ -104,7 +119,7 @@ def fit(
     ------
     InputError
         If the readings are too few, of another arm, in another unit, or do not determine the model; if the prior is of
-        another nominal arm.
+        another nominal arm; if most readings of one file of several are gross errors.
 
     Examples
     --------
@@ -116,13 +131,46 @@ def fit(
     """
     _check_choice(model, options, has_arm=arm is not None)
     parts, known_arm = to_free_parts(free), None if arm is None else to_arm(arm)
-    given = to_session(session, n_joints=None if known_arm is None else known_arm.n_joints)
+    n_joints = None if known_arm is None else known_arm.n_joints
+    work = partial(_fit, known_arm, model=model, free=parts, limits=limits, lengths=lengths, prior=prior, accept=accept)
+    if not is_large(session):
+        return work(to_session(session, n_joints=n_joints), progress=progress, **options)
+    from truearm.verbs.fit_sums import fit_all  # no small session waits for it
+
+    large = parts_of(session, n_joints=n_joints)
+    of_sample = progress and (lambda _, note: progress(0, f"sample: {note}"))
+    try:
+        found = work(large.sample(executor=executor), progress=of_sample, **options)
+    except Contradiction as error:
+        if len({part.file for part in large.parts}) == 1:
+            raise
+        hint = "fit each file alone: one of them may differ from the others, in its units or its arm"
+        raise error.with_hint(f"{error.hint}; or {hint}" if error.hint else hint) from None
+    sample = found.model, found.session, found.n_readings
+    new, every = fit_all(*sample, large, limits, accept, executor, progress)
+    return replace(found, model=new, n_readings=len(large), all_readings=every)
+
+
+def _fit(
+    known_arm: Arm | None,
+    given: Session,
+    *,
+    model: ModelName,
+    free: tuple[str, ...],
+    limits: Limits,
+    lengths: LengthsLike | None,
+    prior: TypePrior | str | Path | None,
+    accept: str | None,
+    progress: Callable[[int, str], None] | None,
+    **options: Any,
+) -> FitResult:
+    """Fit a model to a session in memory."""
     nominal_arm = with_serial_number(known_arm or arm_of_readings(given), given)
     # Options are checked before anything is computed.
-    chosen = None if model == "auto" else MODELS[model](nominal_arm, free=parts, **options)
+    chosen = None if model == "auto" else MODELS[model](nominal_arm, free=free, **options)
     of_type = None if prior is None else _checked_prior(prior, known_arm, model, nominal_arm.serial_number)
-    used = readings_to_fit(given, nominal_arm, model, limits=limits, lengths=lengths, is_base_free="base" in parts)
-    nominal = None if known_arm is None else NominalModel(nominal_arm, free=parts)
+    used = readings_to_fit(given, nominal_arm, model, limits=limits, lengths=lengths, is_base_free="base" in free)
+    nominal = None if known_arm is None else NominalModel(nominal_arm, free=free)
     first = chosen or nominal
     assert first is not None  # a network without an arm is chosen
     readings = first.prepare(used.session, used.lengths)
@@ -137,7 +185,7 @@ def fit(
         *findings_of("acceptance", acceptance_remarks(accept)),
         *findings_of("arm", nominal_arm.remarks),
         *findings_of(
-            "type prior", [] if of_type is None else [f"Constants are expected as the type has them: {of_type}."]
+            "type prior", [f"Constants are expected as the type has them: {of_type}."] * (of_type is not None)
         ),
         *used.findings,
         *repeated_readings(used, learned.model),
@@ -192,9 +240,10 @@ class FitResult(Record):
     comparison : tuple of ModelScore
         Of ``"auto"``: each candidate's error on held-out readings; else empty.
     session : Session
-        The training readings that were used, those that repeat each other merged into their mean.
+        The training readings that were used, those that repeat each other merged into their mean; of a session in
+        parts the sample. What follows is of these.
     n_readings : int
-        Their number before that.
+        Their number before that; of a session in parts that of all.
     training : dict or None
         Errors on them, without those excluded as gross errors: of points, or of the scatter in seats, or of distances
         to anchors; None without any of these.
@@ -208,6 +257,8 @@ class FitResult(Record):
         What changed during a session: the base or the reference, the tip, the zero of a joint.
     findings : tuple of Finding
         What a person must know of it: what was skipped or ignored, and warnings.
+    all_readings : AllReadings or None
+        Of a session in parts: what is by all readings.
 
     Examples
     --------
@@ -227,11 +278,18 @@ class FitResult(Record):
     length_outliers: tuple[Outlier, ...]
     frame_changes: tuple[SessionChange, ...]
     findings: tuple[Finding, ...]
+    all_readings: AllReadings | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """The findings in words."""
         return tuple(map(str, self.findings))
+
+    @property
+    def of_sample(self) -> FitResult | None:
+        """Of a session in parts: the same of the sample alone, with the model of all readings."""
+        every = self.all_readings
+        return None if every is None else replace(self, n_readings=every.n_sample, all_readings=None)
 
     @property
     def model_name(self) -> str:
@@ -249,6 +307,8 @@ class FitResult(Record):
 
         Without those that are gross errors of the model.
         """
+        if self.all_readings is not None and (found := self.all_readings.held_out_mm) is not None:
+            return found
         if self.nominal is None or not len(self.model.held_out_.rows) or not len(self.nominal.held_out_.rows):
             return None
         nominal = on_common_readings({"model": self.model, "nominal": self.nominal})["nominal"]
@@ -290,8 +350,8 @@ class FitResult(Record):
 
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
-        read = f"{self.n_readings} readings"
-        if self.n_readings > len(self.session):
+        read, every = f"{self.n_readings} readings", self.all_readings
+        if every is None and self.n_readings > len(self.session):
             read += f", repeats merged into {len(self.session)}"
         about = f" ({self.model_name} model of {self.model.arm.name}, {read})."
         identified = to_identified(self.model)
@@ -302,7 +362,8 @@ class FitResult(Record):
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
             of = " of a distance" if self.model.held_out_.n_coordinates < 3 else ""
             lengths = None if self.training is None else self.training.get("lengths")
-            return with_lengths(f"Mean error{of} {format_mm(error)} on held-out readings", compared, lengths) + about
+            what = "held-out readings of the sample" if every is not None and every.of_sample else "held-out readings"
+            return with_lengths(f"Mean error{of} {format_mm(error)} on {what}", compared, lengths) + about
         if self.training is not None and "mean_mm" in self.training:
             mean = self.training["mean_mm"]
             compared = "" if self.nominal is None else compare_with_nominal(mean, self.nominal.nominal_error())
@@ -312,6 +373,11 @@ class FitResult(Record):
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
         yield self.summary()
+        if self.all_readings is not None and self.of_sample is not None:
+            yield from self.all_readings.sentences(self.model, len(self.session))
+            yield "Of the sample:"
+            yield from self.of_sample.blocks()
+            return
         yield "Next: test the model on readings that it was not fitted to (truearm evaluate)."
         yield from self.remarks
         yield from listed("outlier", self.outliers, "readings")
@@ -335,6 +401,12 @@ class FitResult(Record):
             yield from _term_lines(identified)
 
     def _json(self) -> object:
+        names = ("mean_mm", "nominal_mean_mm")
+        held_out = None if self.held_out_mm is None else dict(zip(names, self.held_out_mm, strict=True))
+        if self.all_readings is not None and self.of_sample is not None:
+            said = {"summary": self.summary(), "model": self.model_name, "n_readings": self.n_readings}
+            of_all = {"n_sample": len(self.session), **self.all_readings.to_json(), "held_out": held_out}
+            return said | of_all | {"sample": self.of_sample.to_dict()}
         found: dict[str, Any] = {
             "summary": self.summary(),
             "model": self.model_name,
@@ -342,13 +414,11 @@ class FitResult(Record):
             "n_readings": self.n_readings,
             "n_poses": len(np.unique(readings_of_one_pose(self.session))),
             "fit_seconds": self.model.fit_seconds_,
-            "held_out": None,
+            "held_out": held_out,
             "accepted": self.model.accepted_,
             **self._named("held_out_distances", "training", "comparison", "outliers", "length_outliers"),
             **self._named("frame_changes", "remarks"),
         }
-        if self.held_out_mm is not None:
-            found["held_out"] = dict(zip(("mean_mm", "nominal_mean_mm"), self.held_out_mm, strict=True))
         found |= self.model.facts()
         if (identified := to_identified(self.model)) is not None:
             found["residual_process"] = identified.residual_process_

@@ -15,8 +15,6 @@ from truearm.findings import Finding
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.options import (
     ARM_HELP,
-    LARGE_ONLY,
-    ONLY_LARGE,
     AcceptOption,
     Json,
     LengthsFile,
@@ -25,6 +23,7 @@ from truearm.verbs.options import (
     ModelOut,
     SchedulerOption,
     WorkersOption,
+    executor_of,
     free_parts,
     refuse_typed,
 )
@@ -32,7 +31,6 @@ from truearm.verbs.outputs import check_model_output, check_new_output
 
 if TYPE_CHECKING:
     from truearm.verbs.fit import FitResult
-    from truearm.verbs.fit_large import LargeFit
 
 # The models that have an option.
 MODELS_OF: dict[str, tuple[str, ...]] = {
@@ -123,7 +121,7 @@ def fit(
     """
     from truearm.arm import load_arm
     from truearm.arm.catalogue import arm_path
-    from truearm.readings.large_sessions import is_large
+    from truearm.readings.files import is_large
     from truearm.verbs.fit import fit as fit_model
 
     check_options(context, model)
@@ -147,23 +145,10 @@ def fit(
         options["arm_model"] = arm_model
     if no_residual_process:
         options["residual"] = False
-    parts = free_parts(free)
-    large = is_large(session)
-    refuse_typed(
-        context, ("lengths",) if large else LARGE_ONLY, "does not apply to large sessions" if large else ONLY_LARGE
-    )
-    of_large: LargeFit | None = None
-    with progress(f"fitting {model}", total=None if large else total) as report:
-        options |= {"model": model, "free": parts, "limits": limits, "prior": prior, "accept": accept}
-        options["progress"] = report
-        if large:
-            from truearm.solve.executors import chosen_executor  # no small session waits for these
-            from truearm.verbs.fit_large import fit_large
-
-            of_large = fit_large(arm, session, executor=chosen_executor(workers, scheduler), **options)
-            result = of_large.result
-        else:
-            result = fit_model(arm, session, lengths=lengths, **options)
+    options |= {"model": model, "lengths": lengths, "free": free_parts(free), "limits": limits, "prior": prior}
+    executor = executor_of(context, session, workers, scheduler)
+    with progress(f"fitting {model}", total=None if is_large(session) else total) as report:
+        result = fit_model(arm, session, accept=accept, executor=executor, progress=report, **options)
         check_model_output(out, result.model.arm_, force=force)  # its readings may state a serial number
         result.save(out)
         if apply is not None and not result.identifies_constants:
@@ -171,8 +156,7 @@ def fit(
             result, apply = replace(result, findings=(*result.findings, Finding("file", why))), None
         if apply is not None:
             _write_arm(result, apply, out)
-    record = result if of_large is None else replace(of_large, result=result)
-    print_record(record, as_json=as_json, files={"model": out, "arm": apply}, details=details)
+    print_record(result, as_json=as_json, files={"model": out, "arm": apply}, details=details)
 
 
 def _check_table(arm: str | None, apply: Path) -> None:

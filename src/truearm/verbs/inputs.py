@@ -42,6 +42,8 @@ from truearm.verbs.sentences import agree, format_mm, number_of
 if TYPE_CHECKING:
     import pandas as pd
 
+    from truearm.readings.large_sessions import LargeSession
+
 ArmLike: TypeAlias = "Arm | str | Path"
 SessionLike: TypeAlias = "Session | pd.DataFrame | str | Path"
 ModelLike: TypeAlias = "Compensator | str | Path"
@@ -137,6 +139,27 @@ def to_model_and_session(model: object, session: SessionLike) -> tuple[Compensat
         raise InputError("expected a session file, got a model file", file=session, hint="give the model first")
     fitted = to_model(model)
     return fitted, to_session(session, n_joints=fitted.arm.n_joints)
+
+
+def parts_of(session: SessionLike, *, n_joints: int | None = None) -> LargeSession:
+    """The parts of a session for which `is_large`.
+
+    Raises
+    ------
+    InputError
+        If they cannot be read.
+    """
+    from truearm.readings.large_sessions import LargeSession  # no small session waits for it
+
+    return LargeSession.open(str(session), n_joints=n_joints)
+
+
+def allowed_in_part(readings: Session, arm: Arm, limits: Limits, accept: str | None) -> CheckedSession:
+    """The readings of a part within the joint limits, by `within_limits`.
+
+    How many are beyond them is judged over all parts. Where a person accepts it, it is judged in each, to skip none.
+    """
+    return within_limits(readings, arm, limits, most=1.0 if accept is None else MAX_SKIPPED_SHARE)
 
 
 def is_model_file(path: str | Path) -> bool:
@@ -561,11 +584,16 @@ def describe_outside(inputs: Mapping[str, BoolArray], training: TrainingConditio
     """How many readings are outside the trained range, and in which inputs; a sentence without its full stop."""
     rows = np.logical_or.reduce(list(inputs.values()))
     n = int(rows.sum())
-    readings_are = f"{n} of {number_of(len(rows))} {agree(n, 'are')}"
     if list(inputs) == ["temperature"] and session.temperature_degC is not None:
+        readings_are = f"{n} of {number_of(len(rows))} {agree(n, 'are')}"
         return f"{readings_are} {_kelvin(training, session.temperature_degC[rows])}"
-    what = ", ".join(f"{name} {int(outside.sum())}" for name, outside in inputs.items())
-    return f"{readings_are} outside the trained range ({what})"
+    return count_outside({name: int(outside.sum()) for name, outside in inputs.items()}, n, len(rows))
+
+
+def count_outside(inputs: Mapping[str, int], n_outside: int, n: int) -> str:
+    """How many of `n` readings are outside the trained range, and in which inputs how many."""
+    what = ", ".join(f"{name} {count}" for name, count in inputs.items())
+    return f"{n_outside} of {number_of(n)} {agree(n_outside, 'are')} outside the trained range ({what})"
 
 
 def _kelvin(training: TrainingConditions, degC: FloatArray) -> str:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
 
 from truearm.choices import Conditions, Limits
 from truearm.errors import InputError
+
+if TYPE_CHECKING:
+    from truearm.solve.executors import Executor
 
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
 ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
@@ -42,9 +45,6 @@ WorkersOption = Annotated[
 SchedulerOption = Annotated[
     str | None, Option("--scheduler", metavar="ADDRESS", help="Dask cluster: address of its scheduler.")
 ]
-# Options for large sessions, and why they are refused with others.
-LARGE_ONLY = ("workers", "scheduler")
-ONLY_LARGE = "applies to large sessions only: folders of session files, and files beyond 512 MB"
 
 # Of the commands that fill in points to measure.
 
@@ -82,6 +82,19 @@ def refuse_typed(context: typer.Context, names: Iterable[str], rule: str, *, hin
         rule, hint = (re.sub(r"\b(applies|does|it)\b", lambda word: PLURALS[word[0]], text) for text in (rule, hint))
     if typed:
         raise InputError(f"{typed[0]} {rule}", hint=hint)
+
+
+def executor_of(context: typer.Context, session: Path, workers: int | None, scheduler: str | None) -> Executor | None:
+    """Who computes the parts of a large session; of another one, --workers and --scheduler are refused."""
+    from truearm.readings.files import is_large  # no help waits for it
+
+    if is_large(session):
+        from truearm.solve.executors import chosen_executor  # no small session waits for it
+
+        return chosen_executor(workers, scheduler)
+    rule = "applies to large sessions only: folders of session files, and files beyond 512 MB"
+    refuse_typed(context, ("workers", "scheduler"), rule)
+    return None
 
 
 def free_parts(text: str) -> tuple[str, ...]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
 from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
 from truearm.choices import Conditions
 from truearm.errors import InputError
-from truearm.files.atomic_write import atomic_file
-from truearm.files.delimited import write_columns
+from truearm.files.table_writer import Columns, table_writer
 from truearm.findings import Finding, findings_of
 from truearm.models import Compensator
 from truearm.models.angle_mistakes import doubt_about_angles
@@ -22,29 +23,39 @@ from truearm.models.identified_model import ROUNDED
 from truearm.models.training_conditions import TOGETHER
 from truearm.readings import Session
 from truearm.readings.checks import serial_number_of
-from truearm.readings.files import open_parquet
+from truearm.readings.files import is_large, open_parquet
 from truearm.readings.readings import NAMED, PAYLOAD
+from truearm.solve.quantile_sketch import QuantileSketch
+from truearm.solve.sums import Sums, first_different, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.verbs.inputs import (
     ModelLike,
     SessionLike,
     check_angles_fit,
+    count_outside,
     describe_outside,
     fit_findings,
     model_file_fingerprint,
+    parts_of,
     payload_findings,
+    to_model,
     to_model_and_session,
 )
+from truearm.verbs.outputs import check_output
 from truearm.verbs.record import TableRecord, format_fixed
 from truearm.verbs.sentences import SAME_DAY, agree, number_of
 
+if TYPE_CHECKING:  # no small session waits for these
+    from truearm.readings.large_sessions import LargeSession, Part
+    from truearm.solve.executors import Executor
+
+ENDINGS = (".csv", ".parquet")
 POINT_COLUMNS = ["x_mm", "y_mm", "z_mm", "sx_mm", "sy_mm", "sz_mm"]
 # Names of joint angles among the inputs of a model.
 JOINT = re.compile(r"J\d+")
 # Of millimetres in the table of points: nanometres.
 DECIMALS = 6
-NONE = np.zeros(0, bool)
 
 
 @one_blas_thread()
@@ -52,9 +63,12 @@ NONE = np.zeros(0, bool)
 def predict(
     model: ModelLike,
     session: SessionLike,
+    out: str | Path | None = None,
     *,
     conditions: Conditions = "reproducibility",
     accept: str | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int, str], None] | None = None,
 ) -> Prediction:
     """Compensate: corrected coordinates of the tip from joint angles.
 
@@ -65,12 +79,19 @@ def predict(
     model : Compensator, str or Path
         A fitted model or its file.
     session : Session, DataFrame, str or Path
-        Readings; reference points are not needed.
+        Readings; reference points are not needed. A folder of files, or a file beyond 512 MiB, is read part by part
+        (docs/large-sessions.md).
+    out : str or Path, optional
+        Table to write, that of `Prediction.save`; of a session in parts it is needed, and has the points alone.
     conditions : {"reproducibility", "repeatability"}
         What the uncertainty is for (`Compensator.under`): any day, or the day and set-up of the training readings.
     accept : str, optional
         Why the readings are right where they would be refused as contradicted: the reason and what it overrode are
         kept (docs/imperfect-readings.md).
+    executor : Executor, optional
+        Who computes the parts; this process by default. The table does not depend on it.
+    progress : callable, optional
+        Called with the number of readings of the parts that are done, and a note.
 
     Returns
     -------
@@ -79,7 +100,8 @@ def predict(
     Raises
     ------
     InputError
-        If the session is of another arm, or more than half of its readings are beyond a joint limit.
+        If the session is of another arm, or more than half of its readings, or of those of a part, are beyond a joint
+        limit.
 
     Examples
     --------
@@ -89,27 +111,77 @@ def predict(
     >>> list(prediction.to_frame())[:6]
     ['x_mm', 'y_mm', 'z_mm', 'sx_mm', 'sy_mm', 'sz_mm']
     """
-    known, readings = to_model_and_session(model, session)
-    fitted, file = known.under(conditions), Path(model) if isinstance(model, str | Path) else None
-    found = _reading_findings(fitted, readings)
-    at = fitted.at(readings)
-    points, covariances = fitted.predict_readings(at, return_cov=True)
-    inputs_outside = fitted.inputs_outside_training(at)
-    return Prediction(
-        model=known,
-        session=readings,
-        points=points,
-        covariances=covariances,
-        inputs_outside=inputs_outside,
-        outside_u_mm=dict(_uncertainties_outside(fitted, readings, inputs_outside, covariances)),
-        unstated_u_mm={name: _rms_u(part) for name, part in fitted.unstated_input_covariances(at).items()},
-        conditions=conditions,
-        findings=(*findings_of("acceptance", acceptance_remarks(accept)), *found, *fit_findings(fitted)),
-        accepted=accepted(fitted.accepted_),
-        serial_number=fitted.arm_.serial_number or serial_number_of(readings),  # they agree, or it was accepted
-        model_name=fitted.kind if file is None else f"{file.name} ({fitted.kind})",
-        model_sha256="" if file is None else model_file_fingerprint(file),
+    if out is not None:
+        read = (one for one in (model, session) if isinstance(one, str | Path))
+        check_output(out, *read, endings=ENDINGS, read=check_is_points_table)
+    if is_large(session):
+        known = to_model(model)
+        large = parts_of(session, n_joints=known.arm.n_joints)
+        sums = _predict_parts(known, large, out, conditions, accept, executor, progress)
+        of_arm = known.accepted_, known.arm_.serial_number
+        found = Prediction(known, None, sums, len(large.parts), *of_arm, conditions, known.kind)
+    else:
+        found = _predicted(*to_model_and_session(model, session), conditions, accept)
+        if out is not None:
+            found.save(out)
+    if not isinstance(model, str | Path):
+        return found
+    name = f"{Path(model).name} ({found.model_name})"
+    return replace(found, model_name=name, model_sha256=model_file_fingerprint(model))
+
+
+def _predict_parts(
+    model: Compensator,
+    large: LargeSession,
+    out: str | Path | None,
+    conditions: Conditions,
+    accept: str | None,
+    executor: Executor | None,
+    progress: Callable[[int, str], None] | None,
+) -> PredictionSums:
+    """Write the table of points part by part; return its figures."""
+    if out is None:
+        hint = 'out="points.csv"'
+        raise InputError("expected out: the points of a session in parts go to a file", file=large.path, hint=hint)
+    sums = PredictionSums()
+    with table_writer(out, decimals=DECIMALS, read=check_is_points_table) as append:
+        works = [partial(_predict_part, model, conditions=conditions, accept=accept)] * len(large.parts)
+        for of_part in large.sums(works, executor, progress):
+            for table in of_part.tables:
+                append(table)
+            sums = sums + of_part.sums
+    return sums
+
+
+@accepts
+def _predict_part(
+    model: Compensator, readings: Session, part: Part, *, conditions: Conditions, accept: str | None
+) -> PartOfTable:
+    """Columns of the table, and figures, of some readings of a part."""
+    one = _predicted(model, readings, conditions, accept)
+    note_line = cast(IntArray, readings.numbers)
+    table = {**one.columns(), "note_file": np.full(len(readings), part.file.name), "note_line": note_line}
+    u, u_outside = (QuantileSketch.of(of.ravel()) for of in (one.u_mm, one.u_mm[one.outside_training]))
+    return PartOfTable((table,), replace(one.sums, u=u, u_outside=u_outside))
+
+
+def _predicted(known: Compensator, readings: Session, conditions: Conditions, accept: str | None) -> Prediction:
+    model = known.under(conditions)
+    found = _reading_findings(model, readings)
+    at = model.at(readings)
+    points, covariances = model.predict_readings(at, return_cov=True)
+    one = PredictedReadings(readings, points, covariances, model.inputs_outside_training(at))
+    sums = PredictionSums(
+        n=len(readings),
+        n_outside=int(one.outside_training.sum()),
+        outside={name: int(rows.sum()) for name, rows in one.inputs_outside.items()},
+        outside_mm2=dict(_variances_outside(model, one)),
+        unstated_mm2={name: _total_mm2(part) for name, part in model.unstated_input_covariances(at).items()},
+        n_in_unknown_session=_n_in_unknown_session(model, readings),
+        findings=(*findings_of("acceptance", acceptance_remarks(accept)), *found, *fit_findings(model)),
     )
+    serial_number = model.arm_.serial_number or serial_number_of(readings)  # they agree, or it was accepted
+    return Prediction(known, one, sums, 1, accepted(model.accepted_), serial_number, conditions, model.kind)
 
 
 def _reading_findings(model: Compensator, readings: Session) -> tuple[Finding, ...]:
@@ -121,53 +193,114 @@ def _reading_findings(model: Compensator, readings: Session) -> tuple[Finding, .
     )
 
 
-def _rms_u(covariances: FloatArray) -> float:
+def _total_mm2(covariances: FloatArray) -> float:
+    """Sum of the variances of all coordinates [mm^2]."""
+    return float(np.trace(covariances, axis1=1, axis2=2).sum())
+
+
+def _rms_u(total_mm2: float, n: int) -> float:
     """Standard uncertainty of a coordinate, root mean square [mm]."""
-    return float(np.sqrt(max(np.trace(covariances, axis1=1, axis2=2).mean() / 3, 0.0)))
+    return float(np.sqrt(max(total_mm2 / n / 3, 0.0)))
 
 
-def _uncertainties_outside(
-    model: Compensator, readings: Session, inputs_outside: Mapping[str, BoolArray], covariances: FloatArray
-) -> Iterator[tuple[str, float]]:
-    """By input other than an angle, the standard uncertainty that its distance from the training adds [mm]."""
+def _variances_outside(model: Compensator, one: PredictedReadings) -> Iterator[tuple[str, float]]:
+    """By input other than an angle, the sum of the variances that its distance from the training adds [mm^2]."""
+    readings = one.session
     ignored = {PAYLOAD} if model.training_.ignores_payload(readings) else set()  # it adds nothing: see the remark
-    for name, rows in inputs_outside.items():
+    for name, rows in one.inputs_outside.items():
         if name in ignored or JOINT.fullmatch(name) or name == TOGETHER:
             continue
         nearest = model.at(model.training_.with_nearest(readings, name))
-        added = covariances - model.predict_readings(nearest, return_cov=True)[1]
-        yield name, _rms_u(added[rows])
+        added = one.covariances - model.predict_readings(nearest, return_cov=True)[1]
+        yield name, _total_mm2(added[rows])
+
+
+def _n_in_unknown_session(model: Compensator, readings: Session) -> int:
+    """Readings in a session without a frame, where the model has frames of several."""
+    if not model.session_frames_:
+        return 0
+    named = np.full(len(readings), "") if readings.session is None else readings.session
+    return int((~np.isin(named, list(model.session_frames_))).sum())
+
+
+class PredictedReadings(NamedTuple):
+    """Predicted points of some readings; the attributes are those of `Prediction`."""
+
+    session: Session
+    points: FloatArray
+    covariances: FloatArray
+    inputs_outside: Mapping[str, BoolArray]
+
+    @property
+    def outside_training(self) -> BoolArray:
+        """See `Prediction`."""
+        none = np.zeros(len(self.points), bool)
+        return np.asarray(np.logical_or.reduce([none, *self.inputs_outside.values()]))
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionSums(Sums):
+    """Figures of predictions that are added over parts.
+
+    Attributes
+    ----------
+    n : int
+        Points.
+    n_outside : int
+        Those outside the trained range.
+    outside : dict of str to int
+        The same by input.
+    outside_mm2, unstated_mm2 : dict of str to float
+        Sums of the variances that inputs outside the range add, by input, and of those that are not stated [mm^2].
+    n_in_unknown_session : int
+        Readings in a session without a frame, where the model has frames of several.
+    findings : tuple of Finding
+    u, u_outside : QuantileSketch
+        Of parts: standard uncertainties of the coordinates, and of those outside the trained range [mm].
+    """
+
+    n: int = 0
+    n_outside: int = 0
+    outside: Mapping[str, int] = field(default_factory=dict)
+    outside_mm2: Mapping[str, float] = field(default_factory=dict)
+    unstated_mm2: Mapping[str, float] = field(default_factory=dict)
+    n_in_unknown_session: int = 0
+    findings: tuple[Finding, ...] = field(default=(), metadata=joined(first_different))
+    u: QuantileSketch = field(default_factory=QuantileSketch)
+    u_outside: QuantileSketch = field(default_factory=QuantileSketch)
+
+
+@dataclass(frozen=True, eq=False)
+class PartOfTable(Sums):
+    """Columns of the table, and figures, of some consecutive readings."""
+
+    tables: tuple[Columns, ...]
+    sums: PredictionSums
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(TableRecord):
     """Predicted points of the readings of a session.
 
+    Those of a session in parts are in the table that was written: what is of single readings is refused then.
+
     Attributes
     ----------
     model : Compensator
-    session : Session
-    points : (n, 3) array
-        Tip [mm], in the frame of the reference; after a fit to several sessions in that of the reading's session.
-    covariances : (n, 3, 3) array
-        Their covariances [mm^2].
-    inputs_outside : dict of str to (n,) array of bool
-        By input (J1 to Jn, temperature, a load, a direction) which readings are outside the trained range; only such
-        inputs.
-    outside_u_mm : dict of str to float
-        By input of these other than an angle, the standard uncertainty that its distance from the training adds at
-        these readings, root mean square [mm].
-    unstated_u_mm : dict of str to float
-        Standard uncertainty due to each input that the session does not state at all readings [mm].
-    findings : tuple of Finding
+    readings : PredictedReadings or None
+        What is of single readings; None of a session in parts.
+    sums : PredictionSums
+        Counts and sums over them.
+    n_parts : int
+        In which the session was read.
     accepted : tuple of Acceptance
         Contradictions that were accepted in the fit of the model, or in these readings.
     serial_number : str
         Of the arm, as the model or else the session states it; empty if neither does.
-    model_name, model_sha256 : str
-        File and kind of the model, and the SHA-256 of its file; of a model without a file its kind, and nothing.
     conditions : {"reproducibility", "repeatability"}
         What the covariances are for.
+    model_name, model_sha256 : str
+        File and kind of the model, and the SHA-256 of its file; of a model without a file its kind, and nothing.
 
     Examples
     --------
@@ -179,18 +312,44 @@ class Prediction(TableRecord):
     """
 
     model: Compensator
-    session: Session
-    points: FloatArray
-    covariances: FloatArray
-    inputs_outside: Mapping[str, BoolArray]
-    outside_u_mm: Mapping[str, float]
-    unstated_u_mm: Mapping[str, float]
-    findings: tuple[Finding, ...]
-    accepted: tuple[Acceptance, ...] = ()
-    serial_number: str = ""
-    model_name: str = ""
+    readings: PredictedReadings | None
+    sums: PredictionSums
+    n_parts: int
+    accepted: tuple[Acceptance, ...]
+    serial_number: str
+    conditions: Conditions
+    model_name: str
     model_sha256: str = ""
-    conditions: Conditions = "reproducibility"
+
+    def _one(self) -> PredictedReadings:
+        if self.readings is None:
+            raise InputError(f"the {self.sums.n} points of a session in parts are in the table that was written alone")
+        return self.readings
+
+    @property
+    def session(self) -> Session:
+        """The readings."""
+        return self._one().session
+
+    @property
+    def points(self) -> FloatArray:
+        """(n, 3) tip [mm]; after a fit to several sessions in the frame of the reading's session."""
+        return self._one().points
+
+    @property
+    def covariances(self) -> FloatArray:
+        """(n, 3, 3) covariances of the points [mm^2]."""
+        return self._one().covariances
+
+    @property
+    def inputs_outside(self) -> Mapping[str, BoolArray]:
+        """By input (J1 to Jn, temperature, a load, a direction) which readings are outside the trained range."""
+        return self._one().inputs_outside
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What a person must know of it."""
+        return self.sums.findings
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -206,20 +365,43 @@ class Prediction(TableRecord):
     @property
     def outside_training(self) -> BoolArray:
         """(n,) Whether an input of a reading is outside the trained range."""
-        none = np.zeros(len(self.points), bool)
-        return np.asarray(np.logical_or.reduce([none, *self.inputs_outside.values()]))
+        return self._one().outside_training
+
+    @property
+    def median_u_mm(self) -> float:
+        """Median standard uncertainty of a coordinate [mm]; of a session in parts to 0.1 %."""
+        return self.sums.u.quantile(0.5) if self.readings is None else float(np.median(self.u_mm))
+
+    @property
+    def median_u_outside_mm(self) -> float | None:
+        """The same of the readings outside the trained range; None if all are inside."""
+        if not self.sums.n_outside:
+            return None
+        if self.readings is None:
+            return self.sums.u_outside.quantile(0.5)
+        return float(np.median(self.u_mm[self.outside_training]))
+
+    @property
+    def unstated_u_mm(self) -> dict[str, float]:
+        """Standard uncertainty due to each input that the session does not state at all readings [mm]."""
+        return {name: _rms_u(total, self.sums.n) for name, total in self.sums.unstated_mm2.items()}
+
+    @property
+    def outside_u_mm(self) -> dict[str, float]:
+        """By input outside the range, other than an angle, what its distance adds there, root mean square [mm]."""
+        return {name: _rms_u(total, self.sums.outside[name]) for name, total in self.sums.outside_mm2.items()}
 
     def save(self, path: str | Path) -> None:
-        """Write the table of `to_frame` as CSV, to the nanometre.
+        """Write the table of `to_frame`, in CSV to the nanometre.
 
         Raises
         ------
         InputError
-            If the name does not end in ``.csv`` or cannot be written.
+            If the name ends in neither ``.csv`` nor ``.parquet``, or cannot be written.
         """
-        check_table_path(path)
-        with atomic_file(path, read=check_is_points_table) as beside:
-            write_columns(beside, self.columns(), decimals=DECIMALS)
+        check_output(path, endings=ENDINGS)
+        with table_writer(path, decimals=DECIMALS, read=check_is_points_table) as append:
+            append(self.columns())
 
     def columns(self) -> dict[str, FloatArray | IntArray | NameArray]:
         """The columns of `to_frame`: x_mm .. z_mm, standard uncertainties sx_mm .. sz_mm, outside_training, names."""
@@ -231,33 +413,35 @@ class Prediction(TableRecord):
     def summary(self) -> str:
         """The answer in one sentence: the number of points and their uncertainty."""
         of = "" if self.conditions == "reproducibility" else f", {SAME_DAY}"
+        parts = f" in {self.n_parts} parts" if self.n_parts > 1 else ""
         return (
-            f"{len(self.points)} points, standard uncertainty of a coordinate {format_fixed(np.median(self.u_mm))} mm "
+            f"{self.sums.n} points{parts}, standard uncertainty of a coordinate {format_fixed(self.median_u_mm)} mm "
             f"(median{of})."
         )
 
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
-        most_outside = bool(2 * self.outside_training.sum() > len(self.points))
+        sums = self.sums
+        most_outside = 2 * sums.n_outside > sums.n
         if most_outside:
             yield from self.remarks
         yield self.summary()
-        missing = dict(self.unstated_u_mm)
+        missing = self.unstated_u_mm
         if (rounded := missing.pop(ROUNDED, None)) is not None:
             yield f"The angles are rounded, as those of the training were: {format_fixed(rounded)} mm of uncertainty."
         if missing:
             sizes = ", ".join(f"{name} ({format_fixed(size)} mm)" for name, size in missing.items())
             yield (f"Missing in some readings: {sizes}; truearm uses the training mean and includes its uncertainty.")
-        if n := int(self._in_unknown_session.sum()):
+        if n := sums.n_in_unknown_session:
             first = next(iter(self.model.session_frames_))
             where = f"in no session that the model knows: their points are in the frame of {first}."
             yield f"{number_of(n)} {agree(n, 'are')} {where}"
-        if self.inputs_outside:
-            note = self.model.outside_note.format(u=format_fixed(np.median(self.u_mm[self.outside_training])))
-            yield f"{describe_outside(self.inputs_outside, self.model.training_, self.session)}{note}."
-            if self.conditions == "repeatability" and (n := int(self.inputs_outside.get("temperature", NONE).sum())):
+        if sums.n_outside:
+            note = self.model.outside_note.format(u=format_fixed(cast(float, self.median_u_outside_mm)))
+            yield f"{self._outside()}{note}."
+            if self.conditions == "repeatability" and (n := sums.outside.get("temperature", 0)):
                 yield (
-                    f"{n} of {len(self.points)} readings at temperatures outside the trained range are not under "
+                    f"{n} of {sums.n} readings at temperatures outside the trained range are not under "
                     "repeatability conditions: use the uncertainty of any day there."
                 )
         if self.outside_u_mm:
@@ -266,29 +450,26 @@ class Prediction(TableRecord):
         if not most_outside:
             yield from self.remarks
 
+    def _outside(self) -> str:
+        if self.readings is None:
+            return count_outside(self.sums.outside, self.sums.n_outside, self.sums.n)
+        return describe_outside(self.inputs_outside, self.model.training_, self.session)
+
     def _json(self) -> object:
-        outside = self.outside_training
         return {
             "summary": self.summary(),
-            "n_readings": len(self.points),
+            "n_readings": self.sums.n,
+            **({"n_parts": self.n_parts} if self.readings is None else {}),
             "conditions": self.conditions,
-            "median_u_mm": float(np.median(self.u_mm)),
+            "median_u_mm": self.median_u_mm,
             "unstated_u_mm": self.unstated_u_mm,
-            "n_outside_training": int(outside.sum()),
-            "inputs_outside_training": {name: int(rows.sum()) for name, rows in self.inputs_outside.items()},
+            "n_outside_training": self.sums.n_outside,
+            "inputs_outside_training": self.sums.outside,
             "outside_u_mm": self.outside_u_mm,
-            "median_u_outside_training_mm": float(np.median(self.u_mm[outside])) if outside.any() else None,
-            "n_in_unknown_session": int(self._in_unknown_session.sum()),
+            "median_u_outside_training_mm": self.median_u_outside_mm,
+            "n_in_unknown_session": self.sums.n_in_unknown_session,
             "remarks": self.remarks,
         }
-
-    @property
-    def _in_unknown_session(self) -> BoolArray:
-        """(n,) Whether a reading is in a session without a frame, where the model has frames of several."""
-        if not self.model.session_frames_:
-            return np.zeros(len(self.points), bool)
-        named = np.full(len(self.points), "") if self.session.session is None else self.session.session
-        return ~np.isin(named, list(self.model.session_frames_))
 
 
 def check_is_points_table(path: Path) -> None:

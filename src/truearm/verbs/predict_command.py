@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from typer import Argument, Option
@@ -11,17 +11,14 @@ from typer import Argument, Option
 from truearm.errors import InputError
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.options import (
-    LARGE_ONLY,
-    ONLY_LARGE,
     AcceptOption,
     ConditionsOption,
     Json,
     ModelFile,
     SchedulerOption,
     WorkersOption,
-    refuse_typed,
+    executor_of,
 )
-from truearm.verbs.outputs import check_output
 
 
 def predict(
@@ -35,7 +32,7 @@ def predict(
             "if there, are used.",
         ),
     ],
-    out: Annotated[Path | None, Option(help="Table of points to write, .csv; of a large session .parquet too.")] = None,
+    out: Annotated[Path | None, Option(help="Table of points to write, .csv or .parquet.")] = None,
     into: Annotated[str | None, Option(hidden=True)] = None,
     conditions: ConditionsOption = "reproducibility",
     accept: AcceptOption = None,
@@ -53,34 +50,15 @@ def predict(
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out (docs/large-sessions.md).
     """
-    from truearm.readings.large_sessions import is_large
-    from truearm.verbs.predict import check_is_points_table
     from truearm.verbs.predict import predict as predict_points
 
     if into is not None:
         raise InputError("--into is a command now", hint="truearm verify fill MODEL SESSION --into points.csv")
     if out is None:
         raise InputError("expected --out", hint="--out points.csv")
-    if is_large(session):
-        _predict_large(model, session, out, workers, scheduler, as_json=as_json, conditions=conditions, accept=accept)
-        return
-    refuse_typed(context, LARGE_ONLY, ONLY_LARGE)
-    check_output(out, model, session, endings=(".csv",), read=check_is_points_table)
-    with progress(f"predicting {session.name}"):
-        prediction = predict_points(model, session, conditions=conditions, accept=accept)
-        prediction.save(out)
-    print_record(prediction, as_json=as_json, files={"points": out})
-
-
-def _predict_large(
-    model: Path, session: Path, out: Path, workers: int | None, scheduler: str | None, *, as_json: bool, **options: Any
-) -> None:
-    from truearm.solve.executors import chosen_executor  # no small session waits for these
-    from truearm.verbs.predict import check_is_points_table
-    from truearm.verbs.predict_large import predict_large
-
-    check_output(out, model, session, read=check_is_points_table)
+    executor = executor_of(context, session, workers, scheduler)
     with progress(f"predicting {session.name}") as update:
-        executor = chosen_executor(workers, scheduler)
-        large = predict_large(model, session, out, executor=executor, progress=update, **options)
-    print_record(large, as_json=as_json, files={"points": out})
+        prediction = predict_points(
+            model, session, out, conditions=conditions, accept=accept, executor=executor, progress=update
+        )
+    print_record(prediction, as_json=as_json, files={"points": out})

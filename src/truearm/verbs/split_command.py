@@ -33,7 +33,8 @@ def split(
     from truearm.files.atomic_write import atomic_file, is_same_file
     from truearm.files.table_writer import table_writer
     from truearm.readings import check_session_path, hold_out, read_session, write_session
-    from truearm.readings.large_sessions import LargeSession, held_out_rows, is_large
+    from truearm.readings.files import is_large
+    from truearm.readings.large_sessions import LargeSession, held_out_rows
     from truearm.readings.split import SplitBy
 
     if is_same_file(train, test):

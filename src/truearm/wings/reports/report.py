@@ -14,10 +14,11 @@ from truearm.number_format import RoundedNumber, format_number
 from truearm.pages.drawings.page_record import PageRecord, check_page_path, input_files
 from truearm.pages.page import Cell, Column, Page, Section, Table
 from truearm.readings import Lengths, Session, seat_errors
-from truearm.readings.large_sessions import LargeSession, is_large
+from truearm.readings.files import is_large
+from truearm.readings.large_sessions import LargeSession
 from truearm.readings.thermal_expansion import expanded_lengths
 from truearm.solve.threads import one_blas_thread
-from truearm.verbs.evaluate_large import evaluate_large
+from truearm.verbs.evaluate import evaluate
 from truearm.verbs.inputs import (
     LengthsLike,
     SessionLike,
@@ -376,7 +377,7 @@ def _of_large(
     yield f"Figures and tables are of {n_sample} of {len(large)} readings, evenly spaced in their order."
     if isinstance(comparison, ModelComparison):
         for name, model in models.items():
-            errors = evaluate_large(model, large.path, accept=accept).errors["model"]
+            errors = evaluate(model, large.path, accept=accept).errors["model"]
             sizes = f"95 % below {errors['p95_mm']:.4f} mm, the largest {errors['max_mm']:.4f} mm"
             yield f"{name}, all {errors['n']} readings: mean error {errors['mean_mm']:.4f} mm, {sizes}."
 

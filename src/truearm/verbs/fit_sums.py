@@ -1,0 +1,313 @@
+"""Fit a session in parts: a sample of its readings shows what to identify, sums over all of them how large it is."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial, reduce
+from operator import add
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truearm.acceptance import accepting
+from truearm.errors import Contradiction
+from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.reading_sums import ReadingSums
+from truearm.identification.from_sums import Iterate, identified, improved, of_the_model_itself, without_part
+from truearm.identification.judgement.gross_errors import LEAST_READINGS, gross_error_limit
+from truearm.identification.judgement.held_out_errors import HeldOutErrors
+from truearm.identification.judgement.joint_signs import with_unshown_signs, without_unshown_signs
+from truearm.identification.references.reading_references import references_of
+from truearm.identification.references.references import Points
+from truearm.models import Compensator
+from truearm.models.identified_model import IdentifiedModel, to_identified
+from truearm.models.input_ranges import InputRanges
+from truearm.readings import Session
+from truearm.readings.large_sessions import LargeSession, Part
+from truearm.readings.point_error_sums import PointErrorSums
+from truearm.readings.reference_uncertainty import scale_errors
+from truearm.solve.effective_number import DesignEffect
+from truearm.solve.executors import Executor
+from truearm.solve.sums import MAX_KEPT, Sums, first_different, joined
+from truearm.typing import FloatArray
+from truearm.verbs.inputs import Limits, allowed_in_part, check_has_reference
+from truearm.verbs.sentences import describe_effective_number, number_of
+
+# Stretches of the session that are held out in turn.
+FOLDS = 10
+# Passes over the session. Two are the rule: the sample is near.
+MAX_PASSES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class FitSums(Sums):
+    """Sums over the readings of parts.
+
+    Attributes
+    ----------
+    n_read : int
+        Readings, those without a point or beyond a joint limit among them.
+    sums : ReadingSums
+    inputs : InputRanges
+    held_out, nominal : PointErrorSums
+        Errors of the points as predicted without their stretch, and by the nominal arm; without gross errors.
+    gross : tuple of str
+        Names of the first gross errors.
+    of_file, gross_of_file : dict of Path to int
+        Readings with a point, and gross errors among them, by their file.
+    """
+
+    n_read: int
+    sums: ReadingSums
+    inputs: InputRanges = field(default_factory=InputRanges)
+    held_out: PointErrorSums = field(default_factory=PointErrorSums)
+    nominal: PointErrorSums = field(default_factory=PointErrorSums)
+    gross: tuple[str, ...] = field(default=(), metadata=joined(first_different))
+    of_file: Mapping[Path, int] = field(default_factory=dict)
+    gross_of_file: Mapping[Path, int] = field(default_factory=dict)
+
+    def files_in_error(self) -> list[Path]:
+        """The files of which more than half of the readings are gross errors; a few readings show nothing."""
+        return [file for file, n in self.of_file.items() if 2 * self.gross_of_file[file] > max(n, LEAST_READINGS)]
+
+
+@dataclass(frozen=True, eq=False)
+class AllReadings:
+    """What a fit is that of all readings of a session in parts, beside that of a sample of them.
+
+    Attributes
+    ----------
+    n_sample : int
+        Readings of the sample that were fitted, before repeats are merged.
+    of_sample : str
+        Why the model is that of the sample; empty where it is identified from all readings.
+    n_passes : int
+        Passes over the session, beside the one that selects the sample.
+    total : FitSums or None
+    effect : DesignEffect or None
+        By how much correlated readings are worth less.
+    """
+
+    n_sample: int
+    of_sample: str
+    n_passes: int = 0
+    total: FitSums | None = None
+    effect: DesignEffect | None = None
+
+    @property
+    def held_out_mm(self) -> tuple[float, float] | None:
+        """Mean error of the stretches that were held out, of the model and of the nominal arm [mm]."""
+        if self.total is None or not self.total.held_out.n:
+            return None
+        return self.total.held_out.errors()["mean_mm"], self.total.nominal.errors()["mean_mm"]
+
+    @property
+    def n_effective(self) -> float | None:
+        """Independent readings of the same worth for the coefficients; None where the model is that of the sample."""
+        return None if self.total is None or self.effect is None else self.total.sums.n / self.effect.factor
+
+    def sentences(self, model: Compensator, n_sample: int) -> Iterator[str]:
+        """What of the model is of all readings, what of the `n_sample` of the sample, and what all are worth."""
+        if self.total is None or self.effect is None or self.n_effective is None:
+            yield (
+                f"The model is that of {n_sample} readings, evenly spaced in the session, and not of all: "
+                f"{self.of_sample}."
+            )
+            return
+        used, gross = self.total.sums.n, self.total.sums.n_gross
+        yield (
+            f"Constants and their uncertainty are those of {used} readings, in {self.n_passes} passes; terms, what "
+            f"is unexplained and which readings are gross errors, those of {n_sample} of them, evenly spaced."
+        )
+        if not (identified_model := to_identified(model)) or not identified_model.fit_.converged:
+            yield f"The constants still changed in pass {self.n_passes}: their uncertainty may be larger."
+        said = describe_effective_number(self.n_effective, used, self.effect.is_settled)
+        yield f"{said}." if self.effect.factor <= 1 else f"{said}, which the uncertainty of the constants contains."
+        if gross:
+            named, others = ", ".join(self.total.gross), " and others" * (gross > len(self.total.gross))
+            yield f"{gross} readings are gross errors and were excluded: {named}{others}."
+        if n := self.total.n_read - used - gross:
+            yield f"{n} readings have no reference point, or are beyond a joint limit, and were skipped."
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures by their names in JSON."""
+        total, effect = self.total, self.effect
+        return {
+            "model_of_sample": self.of_sample or None,
+            "n_passes": self.n_passes,
+            "n_effective": self.n_effective,
+            "n_used": None if total is None else total.sums.n,
+            "n_gross": None if total is None else total.sums.n_gross,
+            "n_block": None if effect is None else effect.n_block,
+            "is_effective_number_settled": None if effect is None else effect.is_settled,
+        }
+
+
+def sums_of_readings(
+    given: Session,
+    part: Part,
+    *,
+    model: IdentifiedModel,
+    at: Iterate,
+    without_part: FloatArray | None,
+    gross_limit: float,
+    limits: Limits,
+    accept: str | None,
+    n_session: int,
+) -> FitSums:
+    """Sums over some readings of a part.
+
+    Parameters
+    ----------
+    given : Session
+    part : Part
+    model : IdentifiedModel
+        Of the sample.
+    at : Iterate
+    without_part : (p,) array or None
+        Coefficients by the readings of other stretches, to predict these.
+    gross_limit : float
+        Whitened length from which a reading is a gross error.
+    limits : {"skip", "ignore"}
+    accept : str or None
+        Why readings that seem contradicted are right.
+    n_session : int
+        Readings of the session.
+    """
+    chain = model.fit_.perturbed_chain
+    with accepting(accept):
+        used = allowed_in_part(given, model.arm, limits, accept).session
+        used = used.rows(used.has_point)
+        if not len(used):
+            return FitSums(len(given), ReadingSums.zero(chain.n_coefficients))
+        check_has_reference(used, model.arm, purpose="fit to")
+        state = model.at(used).state
+
+    def complete(x: FloatArray) -> FloatArray:
+        return np.pad(x, (0, chain.n_coefficients - len(x)))  # those of missing terms are zero
+
+    points = next(one for one in references_of(used, None) if isinstance(one, Points))
+    sums, gross = ReadingSums.of(chain, state, points, complete(at.x), at.noise_mm2, gross_limit, n_session)
+    held_out = nominal = PointErrorSums()
+    if without_part is not None:
+        known = points.points.copy()
+        known[gross] = np.nan
+        held_out = PointErrorSums.of(chain.tips(state, complete(without_part)), known, n_session)
+        nominal = PointErrorSums.of(model.nominal_.tips(state), known, n_session)
+    names = tuple(f"{used.called(row)} of {part.file.name}" for row in gross[:MAX_KEPT].tolist())
+    of_file = {part.file: len(used)}, {part.file: len(gross)}
+    return FitSums(len(given), sums, InputRanges.of(used), held_out, nominal, names, *of_file)
+
+
+def fit_all(
+    model: Compensator,
+    sample: Session,
+    n_sample: int,
+    large: LargeSession,
+    limits: Limits,
+    accept: str | None,
+    executor: Executor | None,
+    progress: Callable[[int, str], None] | None,
+) -> tuple[Compensator, AllReadings]:
+    """The model of a sample by all readings of its session, where sums say it, and what is known of it then.
+
+    The coefficients of a nominal or kinematic model and their covariance are those of all readings, by sums over the
+    parts, with the errors of stretches of the session that are held out in turn; models of other kinds stay those of
+    the sample.
+
+    Raises
+    ------
+    InputError
+        If more than half of the readings of a file are gross errors, and of other files not.
+    """
+    of_sample, why_not = to_identified(model), _why_of_sample(model)
+    if of_sample is None or why_not:
+        return model, AllReadings(n_sample, why_not)
+    arm, signs = without_unshown_signs(of_sample.fit_)
+    # The first pass is never the last: the missing terms, most of the work, are summed from the second on.
+    first, later = (sent_model(of_sample, fit) for fit in (of_the_model_itself(arm), arm))
+    gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
+    following = Iterate(first.fit_.coefficients, arm.references[0].noise_std ** 2)
+    folds = [i * FOLDS // len(large.parts) for i in range(len(large.parts))]
+    by_fold: dict[int, FloatArray] = {}
+    n_pass = 0
+    work = partial(sums_of_readings, gross_limit=gross, limits=limits, accept=accept, n_session=len(large))
+    while n_pass < 2 or (n_pass < MAX_PASSES and not following.is_settled):
+        at, n_pass, sent = following, n_pass + 1, later if n_pass else first
+        works = [partial(work, model=sent, at=at, without_part=by_fold.get(fold)) for fold in folds]
+        of_folds: dict[int, FitSums] = {}
+        passed = large.sums(works, executor, progress, label=f"pass {n_pass}: ")
+        for fold, one in zip(folds, passed, strict=True):
+            of_folds[fold] = of_folds[fold] + one if fold in of_folds else one
+        total = reduce(add, of_folds.values())
+        if accept is None:
+            _check_files(total)
+        following = improved(arm, at, total.sums)
+        if len(of_folds) > 1:
+            by_fold = {fold: without_part(arm, at, total.sums, one.sums) for fold, one in of_folds.items()}
+    errors = scale_errors(sample, is_frame_free="base" in of_sample.free_)
+    is_nominal, state = of_sample.kind == "nominal", of_sample.at(sample).state
+    whole, effect = identified(arm, at, total.sums, sample=state, scale_errors=errors, same_every_day=is_nominal)
+    whole = replace(with_unshown_signs(whole, signs), converged=following.is_settled, rounds=n_pass)
+    new = copy.copy(of_sample)
+    new.fit_, new.training_ = whole, total.inputs.conditions(of_sample.training_)
+    if is_nominal:
+        new.nominal_ = whole
+    new.held_out_errors_ = _held_out_errors(total, len(by_fold)) or of_sample.held_out_errors_
+    return new, AllReadings(n_sample, "", n_pass, total, effect)
+
+
+def _why_of_sample(model: Compensator) -> str:
+    """Why a model stays that of the sample; nothing where it is identified from all readings."""
+    identified_model = to_identified(model)
+    if identified_model is None or model.kind == "physical":
+        return f"a {model.kind} model is not identified from sums over a session (--model kinematic is)"
+    if [part.kind for part in identified_model.fit_.references] != ["point"]:
+        return "sums over a session are of reference points alone"
+    if model.session_frames_:
+        return "the readings are of several sessions"
+    return "terms of your own are not summed" if identified_model.terms else ""
+
+
+def _check_files(total: FitSums) -> None:
+    """Refuse a file that contradicts the others: it alone may be in other units, or of another arm."""
+    wrong = total.files_in_error()
+    if wrong and len(wrong) < len(total.of_file):
+        file, others = wrong[0], len(wrong) - 1
+        raise Contradiction(
+            f"{total.gross_of_file[file]} of {total.of_file[file]} readings are gross errors, and those of "
+            f"{number_of(len(total.of_file) - len(wrong), 'other file')} are not"
+            f"{f'; so are those of {others} more' * (others > 0)}",
+            file=file,
+            hint=f"fit {file.name} alone: it says what differs, its units or its arm",
+        )
+
+
+def sent_model(model: IdentifiedModel, fit: IdentificationResult) -> IdentifiedModel:
+    """The model with an arm, without what it keeps of its readings and uncertainty: it is sent with every part."""
+    light = copy.copy(model)
+    none = type(model).held_out_
+    light.held_out_ = light.held_out_gross_ = light.held_out_distances_ = none
+    light.fit_, light.nominal_ = (
+        replace(one, references=(), covariance=np.zeros((0, 0)), repeatability_covariance=None)
+        for one in (fit, model.nominal_)
+    )
+    return light
+
+
+def _held_out_errors(total: FitSums, n_folds: int) -> HeldOutErrors | None:
+    if not total.held_out.n:
+        return None
+    errors = total.held_out.errors()
+    return HeldOutErrors(
+        total.held_out.n,
+        n_folds,
+        errors["mean_mm"],
+        total.held_out.standard_error_mm(),
+        errors["p95_mm"],
+        errors["max_mm"],
+        total.sums.n_gross,
+    )
