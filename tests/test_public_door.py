@@ -50,6 +50,11 @@ def test_an_unknown_name_is_an_attribute_error():
         ta.calibrate  # noqa: B018
 
 
+def test_a_former_name_leads_to_the_present_one():
+    with pytest.warns(DeprecationWarning, match="truearm.fit_large is truearm.fit now"):
+        assert ta.fit_large is ta.fit
+
+
 def test_type_checkers_see_the_same_names():
     """`__init__.pyi` beside the lazy module."""
     stub = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))

@@ -84,7 +84,10 @@ def test_points_are_those_of_the_whole_session_whoever_computes_them(folder, ses
     assert len(table[["note_file", "note_line"]].drop_duplicates()) == len(table)
     assert np.array_equal(table["outside_training"], whole.outside_training)
     assert found.to_dict()["median_u_mm"] == pytest.approx(np.median(whole.u_mm), rel=2e-3)
-    assert found.sums.n_outside == whole.outside_training.sum()
+    assert found.sums.n_outside == whole.sums.n_outside == whole.outside_training.sum()
+    for lacking in (lambda: found.points, found.to_frame, lambda: ta.predict(model, folder)):
+        with pytest.raises(InputError, match="points of a session in parts"):
+            lacking()
 
 
 def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, model):
@@ -97,6 +100,10 @@ def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, mod
     assert parts.to_dict()["combined_u_mm"] == pytest.approx(whole.budget.combined_mm)
     again = ta.evaluate(model, folder, executor=Processes(2))
     assert again.to_dict() == parts.to_dict()
+    assert set(whole.to_dict()) <= set(parts.to_dict())
+    assert parts.figure() is None
+    with pytest.raises(InputError, match="lengths are not compared"):
+        ta.evaluate(model, folder, lengths="lengths.csv")
 
 
 @pytest.mark.parametrize("without", [0, 1, 2])

@@ -63,8 +63,6 @@ def circle_arm():
 def tables(session, model, simulated, tmp_path_factory):
     """A result of every kind, and the number of its rows."""
     folder = tmp_path_factory.mktemp("tables")
-    (folder / "line").mkdir()
-    session.save(folder / "line" / "a.csv")
     in_seats = ta.simulate("ur10", poses=8, strategy="seat", seats=2, seed=3).session
     verified = ta.verify(simulated.points(0), artefacts=simulated.artefacts, specification=simulated.specification)
     change = ta.compare(model, ta.fit("ur10", session, model="nominal").model)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -122,7 +122,7 @@ def _first_broken(words: NameArray) -> str | None:
     return next((w for w in np.unique(words).tolist() if any(sign in w for sign in "\n\r\0")), None)
 
 
-def is_large(path: object) -> bool:
+def is_large(path: object) -> TypeGuard[str | Path]:
     """Whether a session is read part by part: that of a folder, or of a file beyond the limits of `read_fields`."""
     if not isinstance(path, str | Path):
         return False

@@ -36,7 +36,6 @@ from truearm.verbs.inputs import (
     Limits,
     SessionLike,
     evaluation_findings,
-    parts_of,
     to_model,
     to_model_and_session,
     to_session,
@@ -124,7 +123,28 @@ def evaluate(
     if is_regressor(model):
         return _evaluate_regressor(model, to_session(session), lengths, accept)
     if is_large(session):
-        return _evaluate_parts(to_model(model), session, lengths, limits, conditions, accept, executor, progress)
+        from truearm.readings.large_sessions import LargeSession  # no small session waits for these
+        from truearm.verbs.evaluation_sums import sums_over_parts
+
+        if lengths is not None:
+            hint = "omit them; a file of the readings in seats alone is evaluated as a small session"
+            raise InputError("lengths are not compared in a session in parts", file=session, hint=hint)
+        known_model = to_model(model)
+        large = LargeSession.open(session, n_joints=known_model.arm.n_joints)
+        sums = sums_over_parts(known_model, large, limits, conditions, accept, executor, progress)
+        return Evaluation(
+            model=known_model,
+            session=None,
+            predicted={},
+            errors=sums.errors(),
+            lengths=None,
+            conditions=conditions,
+            outliers=sums.outliers,
+            n_training=sums.n_training,
+            findings=sums.findings,
+            n_parts=len(large.parts),
+            sums=sums,
+        )
     fitted, given = to_model_and_session(model, session)
     tested = used_readings(given, fitted.arm, fitted, limits=limits, lengths=lengths, purpose=PURPOSE)
     used, known = tested.session, expanded_lengths(tested.lengths, tested.session)
@@ -162,37 +182,6 @@ def evaluate(
             *tested.findings,
             *evaluation_findings(at, nominal),
         ),
-    )
-
-
-def _evaluate_parts(
-    model: Compensator,
-    session: SessionLike,
-    lengths: LengthsLike | None,
-    limits: Limits,
-    conditions: Conditions | None,
-    accept: str | None,
-    executor: Executor | None,
-    progress: Callable[[int, str], None] | None,
-) -> Evaluation:
-    from truearm.verbs.evaluation_sums import sums_over_parts  # no small session waits for it
-
-    large = parts_of(session, n_joints=model.arm.n_joints)
-    if lengths is not None:
-        raise InputError("lengths are not compared in a session in parts", file=large.path, hint="omit them")
-    sums = sums_over_parts(model, large, limits, conditions, accept, executor, progress)
-    return Evaluation(
-        model,
-        None,
-        {},
-        sums.errors(),
-        None,
-        conditions=conditions,
-        outliers=sums.outliers,
-        n_training=sums.n_training,
-        findings=sums.findings,
-        n_parts=len(large.parts),
-        sums=sums,
     )
 
 

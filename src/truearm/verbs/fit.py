@@ -35,7 +35,6 @@ from truearm.verbs.inputs import (
     LengthsLike,
     Limits,
     SessionLike,
-    parts_of,
     readings_to_fit,
     repeated_readings,
     to_arm,
@@ -135,9 +134,10 @@ def fit(
     work = partial(_fit, known_arm, model=model, free=parts, limits=limits, lengths=lengths, prior=prior, accept=accept)
     if not is_large(session):
         return work(to_session(session, n_joints=n_joints), progress=progress, **options)
-    from truearm.verbs.fit_sums import fit_all  # no small session waits for it
+    from truearm.readings.large_sessions import LargeSession  # no small session waits for these
+    from truearm.verbs.fit_sums import fit_all
 
-    large = parts_of(session, n_joints=n_joints)
+    large = LargeSession.open(session, n_joints=n_joints)
     of_sample = progress and (lambda _, note: progress(0, f"sample: {note}"))
     try:
         found = work(large.sample(executor=executor), progress=of_sample, **options)

@@ -160,22 +160,8 @@ def sums_of_readings(
 ) -> FitSums:
     """Sums over some readings of a part.
 
-    Parameters
-    ----------
-    given : Session
-    part : Part
-    model : IdentifiedModel
-        Of the sample.
-    at : Iterate
-    without_part : (p,) array or None
-        Coefficients by the readings of other stretches, to predict these.
-    gross_limit : float
-        Whitened length from which a reading is a gross error.
-    limits : {"skip", "ignore"}
-    accept : str or None
-        Why readings that seem contradicted are right.
-    n_session : int
-        Readings of the session.
+    Predicted are those of a stretch by the coefficients `without_part`; from a whitened length of `gross_limit` on a
+    reading is a gross error.
     """
     chain = model.fit_.perturbed_chain
     with accepting(accept):

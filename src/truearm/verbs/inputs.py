@@ -42,8 +42,6 @@ from truearm.verbs.sentences import agree, format_mm, number_of
 if TYPE_CHECKING:
     import pandas as pd
 
-    from truearm.readings.large_sessions import LargeSession
-
 ArmLike: TypeAlias = "Arm | str | Path"
 SessionLike: TypeAlias = "Session | pd.DataFrame | str | Path"
 ModelLike: TypeAlias = "Compensator | str | Path"
@@ -139,19 +137,6 @@ def to_model_and_session(model: object, session: SessionLike) -> tuple[Compensat
         raise InputError("expected a session file, got a model file", file=session, hint="give the model first")
     fitted = to_model(model)
     return fitted, to_session(session, n_joints=fitted.arm.n_joints)
-
-
-def parts_of(session: SessionLike, *, n_joints: int | None = None) -> LargeSession:
-    """The parts of a session for which `is_large`.
-
-    Raises
-    ------
-    InputError
-        If they cannot be read.
-    """
-    from truearm.readings.large_sessions import LargeSession  # no small session waits for it
-
-    return LargeSession.open(str(session), n_joints=n_joints)
 
 
 def allowed_in_part(readings: Session, arm: Arm, limits: Limits, accept: str | None) -> CheckedSession:

@@ -37,7 +37,6 @@ from truearm.verbs.inputs import (
     describe_outside,
     fit_findings,
     model_file_fingerprint,
-    parts_of,
     payload_findings,
     to_model,
     to_model_and_session,
@@ -115,8 +114,10 @@ def predict(
         read = (one for one in (model, session) if isinstance(one, str | Path))
         check_output(out, *read, endings=ENDINGS, read=check_is_points_table)
     if is_large(session):
+        from truearm.readings.large_sessions import LargeSession  # no small session waits for it
+
         known = to_model(model)
-        large = parts_of(session, n_joints=known.arm.n_joints)
+        large = LargeSession.open(session, n_joints=known.arm.n_joints)
         sums = _predict_parts(known, large, out, conditions, accept, executor, progress)
         of_arm = known.accepted_, known.arm_.serial_number
         found = Prediction(known, None, sums, len(large.parts), *of_arm, conditions, known.kind)
@@ -149,20 +150,20 @@ def _predict_parts(
         for of_part in large.sums(works, executor, progress):
             for table in of_part.tables:
                 append(table)
-            sums = sums + of_part.sums
+            sums = sums + replace(of_part, tables=())
     return sums
 
 
 @accepts
 def _predict_part(
     model: Compensator, readings: Session, part: Part, *, conditions: Conditions, accept: str | None
-) -> PartOfTable:
+) -> PredictionSums:
     """Columns of the table, and figures, of some readings of a part."""
     one = _predicted(model, readings, conditions, accept)
     note_line = cast(IntArray, readings.numbers)
     table = {**one.columns(), "note_file": np.full(len(readings), part.file.name), "note_line": note_line}
     u, u_outside = (QuantileSketch.of(of.ravel()) for of in (one.u_mm, one.u_mm[one.outside_training]))
-    return PartOfTable((table,), replace(one.sums, u=u, u_outside=u_outside))
+    return replace(one.sums, u=u, u_outside=u_outside, tables=(table,))
 
 
 def _predicted(known: Compensator, readings: Session, conditions: Conditions, accept: str | None) -> Prediction:
@@ -170,18 +171,20 @@ def _predicted(known: Compensator, readings: Session, conditions: Conditions, ac
     found = _reading_findings(model, readings)
     at = model.at(readings)
     points, covariances = model.predict_readings(at, return_cov=True)
-    one = PredictedReadings(readings, points, covariances, model.inputs_outside_training(at))
-    sums = PredictionSums(
-        n=len(readings),
+    readings_at = PredictedReadings(readings, points, covariances, model.inputs_outside_training(at))
+    serial_number = model.arm_.serial_number or serial_number_of(readings)  # they agree, or it was accepted
+    of_model = accepted(model.accepted_), serial_number, conditions, model.kind
+    one = Prediction(known, readings_at, PredictionSums(len(readings)), 1, *of_model)
+    sums = replace(
+        one.sums,
         n_outside=int(one.outside_training.sum()),
         outside={name: int(rows.sum()) for name, rows in one.inputs_outside.items()},
-        outside_mm2=dict(_variances_outside(model, one)),
+        outside_mm2=dict(_variances_outside(model, readings_at)),
         unstated_mm2={name: _total_mm2(part) for name, part in model.unstated_input_covariances(at).items()},
         n_in_unknown_session=_n_in_unknown_session(model, readings),
         findings=(*findings_of("acceptance", acceptance_remarks(accept)), *found, *fit_findings(model)),
     )
-    serial_number = model.arm_.serial_number or serial_number_of(readings)  # they agree, or it was accepted
-    return Prediction(known, one, sums, 1, accepted(model.accepted_), serial_number, conditions, model.kind)
+    return replace(one, sums=sums)
 
 
 def _reading_findings(model: Compensator, readings: Session) -> tuple[Finding, ...]:
@@ -231,12 +234,6 @@ class PredictedReadings(NamedTuple):
     covariances: FloatArray
     inputs_outside: Mapping[str, BoolArray]
 
-    @property
-    def outside_training(self) -> BoolArray:
-        """See `Prediction`."""
-        none = np.zeros(len(self.points), bool)
-        return np.asarray(np.logical_or.reduce([none, *self.inputs_outside.values()]))
-
 
 @dataclass(frozen=True, eq=False)
 class PredictionSums(Sums):
@@ -257,6 +254,8 @@ class PredictionSums(Sums):
     findings : tuple of Finding
     u, u_outside : QuantileSketch
         Of parts: standard uncertainties of the coordinates, and of those outside the trained range [mm].
+    tables : tuple of dict
+        Of a part: what is to be written.
     """
 
     n: int = 0
@@ -268,14 +267,7 @@ class PredictionSums(Sums):
     findings: tuple[Finding, ...] = field(default=(), metadata=joined(first_different))
     u: QuantileSketch = field(default_factory=QuantileSketch)
     u_outside: QuantileSketch = field(default_factory=QuantileSketch)
-
-
-@dataclass(frozen=True, eq=False)
-class PartOfTable(Sums):
-    """Columns of the table, and figures, of some consecutive readings."""
-
-    tables: tuple[Columns, ...]
-    sums: PredictionSums
+    tables: tuple[Columns, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -365,7 +357,8 @@ class Prediction(TableRecord):
     @property
     def outside_training(self) -> BoolArray:
         """(n,) Whether an input of a reading is outside the trained range."""
-        return self._one().outside_training
+        none = np.zeros(len(self.points), bool)
+        return np.asarray(np.logical_or.reduce([none, *self.inputs_outside.values()]))
 
     @property
     def median_u_mm(self) -> float:
