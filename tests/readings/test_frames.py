@@ -55,7 +55,12 @@ def test_a_frame_of_a_file_is_that_of_pandas(tmp_path):
         ({"y_m": [1.0, 2.0, np.nan]}, "reading 2", "x_m", "a number as in the columns that go with it"),
         ({"seat": [1, 2, 3]}, None, "seat", "expected names (text), got a column of type integer"),
         ({"seat": ["A", "x" * 300, "B"]}, "reading 2", "seat", "at most 200 characters"),
-        ({"temperature_degC": [20.0, 293.15, 20.0]}, "reading 2", None, "-50 to 100 degC, got 293.15 degC"),
+        (
+            {"temperature_degC": [20.0, 293.15, 20.0]},
+            "reading 2",
+            "temperature_degC",
+            "-50 to 100 degC, got 293.15 degC",
+        ),
         ({"q3": [1.0, 2.0, 3.0]}, None, "q3", "unknown column 'q3'"),
         ({"q1_rad": [1.0, 2.0, 3.0]}, None, "q1_rad", "q1_deg and q1_rad are the same quantity"),
         ({5: [1.0, 2.0, 3.0]}, None, None, "expected names of columns such as q1_deg, got 5"),

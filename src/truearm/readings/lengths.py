@@ -14,7 +14,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import check_names, quoted_cell, read_columns, write_columns
 from truearm.files.spreadsheet_forms import read_form
-from truearm.readings.readings import LARGEST_MM
+from truearm.readings.readings import LARGEST_MM, NamedRows
 from truearm.typing import FloatArray, IntArray, NameArray
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ EXPANSION = ("expansion_per_K", "u_expansion_per_K")
 
 
 @dataclass(frozen=True, eq=False)
-class Lengths:
+class Lengths(NamedRows):
     """Lengths between the centres of seats, one row each.
 
     Rows with the same artefact are one length of one artefact at several places, under one certificate: its error is
@@ -73,6 +73,7 @@ class Lengths:
     [{'seat_a': 'A', 'seat_b': 'B', 'length_mm': 500.0123, 'u_mm': 0.0005}]
     """
 
+    row_name: ClassVar[str] = "length"
     form_columns: ClassVar[tuple[str, ...]] = (*ENDS, *NUMBERS, ARTEFACT, *EXPANSION, "note")
     # Default standard uncertainty of the difference of an artefact's length between places. A ball returns to a
     # good cone within about that. It is less than the repeatability of arms, so that it has little effect on what is
@@ -108,22 +109,13 @@ class Lengths:
         numbers = np.arange(1, n + 1) if self.numbers is None else np.asarray(self.numbers, dtype=np.intp)
         object.__setattr__(self, "numbers", numbers)
         for name in ENDS:
-            if (empty := getattr(self, name) == "").any():
-                raise self.error("expected the name of a seat, got an empty cell", int(np.argmax(empty)), column=name)
-        if (same := self.seat_a == self.seat_b).any():
-            row = int(np.argmax(same))
-            raise self.error(
-                f"expected a length between two seats, got {quoted_cell(str(self.seat_a[row]))} twice",
-                row,
-                column="seat_b",
-            )
-        for name in NUMBERS:
+            self.refuse(getattr(self, name) == "", "expected the name of a seat, got an empty cell", column=name)
+        problem, twice = "expected a length between two seats, got {} twice", self.seat_a == self.seat_b
+        self.refuse(twice, problem, [quoted_cell(name) for name in self.seat_a.tolist()], column="seat_b")
+        for name, what in zip(NUMBERS, ("length", "standard uncertainty"), strict=True):
             values = getattr(self, name)
-            if (bad := ~((values > 0) & (values <= LARGEST_MM))).any():
-                row = int(np.argmax(bad))
-                what = "length" if name == "length_mm" else "standard uncertainty"
-                limit = f" of at most {LARGEST_MM:g} mm" if LARGEST_MM < values[row] < np.inf else ""
-                raise self.error(f"expected a positive {what}{limit}, got {values[row]:.6g} mm", row, column=name)
+            bad, problem = ~((values > 0) & (values <= LARGEST_MM)), f"expected a positive {what}{{}}, got {{:.6g}} mm"
+            self.refuse(bad, problem, _limits(values), values, column=name)
         self._check_expansions()
         self._check_places()
         self._check_once()
@@ -199,17 +191,6 @@ class Lengths:
 
         return data_frame(_columns(self))
 
-    def called(self, row: int) -> str:
-        """Name row `row` (counted from 0) in messages: ``line 3``, without a file ``length 2``."""
-        assert self.numbers is not None  # set in __post_init__
-        return f"{'line' if self.by_line else 'length'} {self.numbers[row]}"
-
-    def error(self, problem: str, row: int, *, column: str | None = None, hint: str | None = None) -> InputError:
-        """Make an error that states the file of these lengths, and the line of `row` (counted from 0) or its number."""
-        assert self.numbers is not None  # set in __post_init__
-        line, name = (int(self.numbers[row]), None) if self.by_line else (None, self.called(row))
-        return InputError(problem, file=self.file, line=line, column=column, hint=hint, row=name)
-
     def _check_expansions(self) -> None:
         """Check that an expansion is that of a material, and has an uncertainty."""
         known = []
@@ -217,18 +198,14 @@ class Lengths:
         for name, low, high in zip(EXPANSION, (-1e-5, 0.0), (5e-5, 1e-5), strict=True):
             values = np.full(len(self), np.nan) if getattr(self, name) is None else getattr(self, name)
             known.append(~np.isnan(values))
-            if (bad := known[-1] & ~((values >= low) & (values <= high))).any():
-                row = int(np.argmax(bad))
-                raise self.error(
-                    f"expected {low:g} to {high:g} per K, got {values[row]:g}",
-                    row,
-                    column=name,
-                    hint="steel has 1.15e-05 per K: 11.5 micrometres per metre and kelvin",
-                )
-        if (lone := known[0] != known[1]).any():
-            row = int(np.argmax(lone))
-            empty = EXPANSION[int(known[0][row])]
-            raise self.error(f"{' and '.join(EXPANSION)} belong together, got no {empty}", row, column=empty)
+            bad, problem = (
+                known[-1] & ~((values >= low) & (values <= high)),
+                f"expected {low:g} to {high:g} per K, got ",
+            )
+            hint = "steel has 1.15e-05 per K: 11.5 micrometres per metre and kelvin"
+            self.refuse(bad, problem + "{:g}", values, column=name, hint=hint)
+        for name, there, other in zip(EXPANSION, known, reversed(known), strict=True):
+            self.refuse(other & ~there, f"{' and '.join(EXPANSION)} belong together, got no {name}", column=name)
         if not known[0].any():
             for name in EXPANSION:
                 object.__setattr__(self, name, None)
@@ -237,15 +214,10 @@ class Lengths:
         """Check the rows of each artefact, and set the uncertainty of a place where none is given."""
         artefact, place = self.artefact, self.u_place_mm
         place = np.where(np.isnan(place), np.where(artefact != "", self.default_u_place_mm, 0.0), place)
-        if (bad := ~((place <= LARGEST_MM) & ((place > 0) | ((place == 0) & (artefact == ""))))).any():
-            row = int(np.argmax(bad))
-            limit = f" of at most {LARGEST_MM:g} mm" if LARGEST_MM < place[row] < np.inf else ""
-            raise self.error(
-                f"expected a positive standard uncertainty of a place{limit}, got {place[row]:.6g} mm",
-                row,
-                column=PLACE,
-                hint=f"leave the cell empty for the default, {self.default_u_place_mm:g} mm for a named artefact",
-            )
+        bad = ~((place <= LARGEST_MM) & ((place > 0) | ((place == 0) & (artefact == ""))))
+        problem = "expected a positive standard uncertainty of a place{}, got {:.6g} mm"
+        hint = f"leave the cell empty for the default, {self.default_u_place_mm:g} mm for a named artefact"
+        self.refuse(bad, problem, _limits(place), place, column=PLACE, hint=hint)
         object.__setattr__(self, PLACE, place)
         first: dict[str, int] = {}
         for row, name in enumerate(artefact.tolist()):
@@ -279,6 +251,11 @@ class Lengths:
         if hint.strip() == name.strip():
             hint = f"{quoted_cell(hint)}: one of the two has a blank before or behind it"
         return self.error(f"the session has no seat {quoted_cell(name)}", row, column=column, hint=hint)
+
+
+def _limits(values: FloatArray) -> list[str]:
+    """What to say of values that are too large; of others nothing."""
+    return [f" of at most {LARGEST_MM:g} mm" if LARGEST_MM < value < np.inf else "" for value in values.tolist()]
 
 
 def read_lengths(path: str | Path, *, seats: Iterable[str] | None = None) -> Lengths:

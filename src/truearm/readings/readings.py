@@ -51,16 +51,17 @@ _BESIDE_ANGLES = (
 )
 
 
-class NamedReadings:
-    """Readings that messages name, by their lines in a file or by their numbers."""
+class NamedRows:
+    """Rows that messages name, by their lines in a file or by their numbers; rules refuse the first that breaks them."""
 
+    row_name: ClassVar[str] = "reading"
     file: Path | None
     numbers: IntArray | None
     by_line: bool
 
     def called(self, row: int) -> str:
         """Name row `row` (counted from 0) for a person: ``line 14``, without a file ``reading 12``."""
-        return f"{'line' if self.by_line else 'reading'} {cast(IntArray, self.numbers)[row]}"
+        return f"{'line' if self.by_line else self.row_name} {cast(IntArray, self.numbers)[row]}"
 
     def error(
         self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
@@ -73,11 +74,11 @@ class NamedReadings:
     def refuse(
         self, bad: BoolArray, problem: str, *got: Any, column: str | None = None, hint: str | None = None
     ) -> None:
-        """Raise an `error` of the first reading that is `bad`, (n,) or (n, k); `problem` shows what it has in `got`."""
+        """Raise an `error` of the first row that is `bad`, (n,) or (n, k); `problem` shows what it has in `got`."""
         if bad.any():
             row = int(np.argwhere(bad)[0, 0])
             said = problem.format(*(each[row] for each in got)) if got else problem
-            raise self.error(said, row, column=None if self.file is None else column, hint=hint)
+            raise self.error(said, row, column=column, hint=hint)
 
     def contradict(
         self, problem: str, row: int | None = None, *, column: str | None = None, hint: str | None = None
@@ -91,7 +92,7 @@ class NamedReadings:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured(NamedReadings):
+class Measured(NamedRows):
     """What was measured at readings whose angles are known to be right, to compare the points of a model with.
 
     Attributes are those of a `truearm.readings.session.Session`.
@@ -130,7 +131,7 @@ def points_there(points: FloatArray | None, n: int) -> BoolArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Readings(NamedReadings):
+class Readings(NamedRows):
     """The readings of a `truearm.readings.session.Session`, which describes the fields: their data and their checks."""
 
     # Temperatures of an arm in use [degC]; others are of another scale, or lost their decimal point.
@@ -303,7 +304,7 @@ class Readings(NamedReadings):
             raise self.error(
                 f"expected a direction of movement as -1, 0 or 1, got {self.directions[row, joint]:g} for J{joint + 1}",
                 row,
-                column=None if self.file is None else f"{DIRECTION}{joint + 1}",
+                column=f"{DIRECTION}{joint + 1}",
                 hint="give the sign of the joint's last movement before the reading; 0 if it is not known",
             )
 

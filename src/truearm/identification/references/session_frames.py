@@ -59,13 +59,9 @@ def rough_session_frames(arm: Arm, readings: Session, free: tuple[str, ...]) -> 
     if len(names) == 1:
         return {}
     if "" in names:
-        row = int(np.argmax(seen & (readings.session == "")))
-        raise readings.error(
-            "expected the session of every reading with a reference point, got none",
-            row,
-            column="session",
-            hint="each session has its own frame: name all of them, or remove the column if there is one session",
-        )
+        problem = "expected the session of every reading with a reference point, got none"
+        hint = "each session has its own frame: name all of them, or remove the column if there is one session"
+        readings.refuse(seen & (readings.session == ""), problem, column="session", hint=hint)
     return dict(zip(names, _motions(arm, readings, names), strict=True))
 
 

@@ -66,22 +66,17 @@ def check_tips(tips: tuple[str, ...], readings: Session) -> None:
         if len(tips) > 1:
             raise readings.error(
                 f"the model has {len(tips)} tips ({listed_tips(tips)}), and the readings name none",
-                column=None if readings.file is None else "tip",
+                column="tip",
                 hint=f"add the column tip; or choose one of them: model.with_tip({tips[0]!r}) in Python",
             )
         return
     known = tips or tip_names(readings)[:1]  # a model without a name has one tip
     unknown = ~np.isin(readings.tip, known)
-    if unknown.any():
-        row = int(np.argmax(unknown))
-        raise readings.error(
-            f"expected a tip of the model ({listed_tips(tips)}), got {str(readings.tip[row])!r}"
-            if tips
-            else f"expected one tip, as the model has, got {str(readings.tip[row])!r} beside {known[0]!r}",
-            row,
-            column="tip",
-            hint="correct the name; for a new tip fit again, or refit the model of one tip with --free tip",
-        )
+    problem = f"expected a tip of the model ({listed_tips(tips)}), got {{!r}}"
+    if not tips:
+        problem = "expected one tip, as the model has, got {!r} beside {!r}"
+    hint = "correct the name; for a new tip fit again, or refit the model of one tip with --free tip"
+    readings.refuse(unknown, problem, readings.tip.tolist(), [known[0]] * len(unknown), column="tip", hint=hint)
 
 
 def listed_tips(tips: tuple[str, ...]) -> str:
