@@ -86,7 +86,7 @@ def with_serial_number(arm: Arm, readings: Session) -> Arm:
     if arm.serial_number:
         readings.contradict(
             f"the readings are of the arm with serial number {stated!r}, arm {arm.name!r} has {arm.serial_number!r}",
-            column=None if readings.file is None else "serial_number",
+            column="serial_number",
             hint="check the session and the arm or model file: units of one type have errors of their own",
         )
         return arm

@@ -198,12 +198,9 @@ class Lengths(NamedRows):
         for name, low, high in zip(EXPANSION, (-1e-5, 0.0), (5e-5, 1e-5), strict=True):
             values = np.full(len(self), np.nan) if getattr(self, name) is None else getattr(self, name)
             known.append(~np.isnan(values))
-            bad, problem = (
-                known[-1] & ~((values >= low) & (values <= high)),
-                f"expected {low:g} to {high:g} per K, got ",
-            )
+            bad, problem = known[-1] & ~((values >= low) & (values <= high)), f"expected {low:g} to {high:g} per K"
             hint = "steel has 1.15e-05 per K: 11.5 micrometres per metre and kelvin"
-            self.refuse(bad, problem + "{:g}", values, column=name, hint=hint)
+            self.refuse(bad, problem + ", got {:g}", values, column=name, hint=hint)
         for name, there, other in zip(EXPANSION, known, reversed(known), strict=True):
             self.refuse(other & ~there, f"{' and '.join(EXPANSION)} belong together, got no {name}", column=name)
         if not known[0].any():

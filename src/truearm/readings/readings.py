@@ -52,7 +52,7 @@ _BESIDE_ANGLES = (
 
 
 class NamedRows:
-    """Rows that messages name, by their lines in a file or by their numbers; rules refuse the first that breaks them."""
+    """Rows that messages name, by their lines in a file or by number; a rule refuses the first that breaks it."""
 
     row_name: ClassVar[str] = "reading"
     file: Path | None
@@ -483,7 +483,7 @@ def _check_one_offset(readings: Readings, anchor: NameArray, u_offset: FloatArra
                 f"expected one u_offset_mm for all distances to anchor {str(name)!r}, got {u_offset[row]:g} beside "
                 f"{u_offset[rows[0]]:g}",
                 row,
-                column=None if readings.file is None else "u_offset_mm",
+                column="u_offset_mm",
                 hint="it is the uncertainty of the error that they share; another instrument is another anchor",
             )
 
