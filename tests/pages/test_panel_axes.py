@@ -5,7 +5,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from truearm.pages.plotting import Figure, PanelAxes, figure_style, pixels_of, set_log_scale
+from truearm.pages.plotting import Figure, PanelAxes, figure_style, make_panel, pixels_of, set_log_scale
 
 PLACE = (0.2, 0.2, 0.75, 0.7)
 
@@ -49,3 +49,23 @@ def test_ticks_are_where_matplotlib_draws_them(draw):
             draw(axes)
         pictures.append(pixels_of(Figure((drawing,), "caption", "alt")))
     assert np.array_equal(*pictures)
+
+
+def test_a_saved_figure_has_all_panels_on_one_sheet_and_room_for_their_labels(tmp_path):
+    figure = Figure((panel(0.01), panel(3000.0), panel(-0.0005)), "caption", "alt", columns=2)
+    figure.save(tmp_path / "figure.pdf")
+    content = (tmp_path / "figure.pdf").read_bytes()
+    assert content.count(b"/Type /Page\n") + content.count(b"/Type /Page ") == 1
+    figure.save(tmp_path / "again.pdf")
+    assert (tmp_path / "again.pdf").read_bytes() == content
+    picture = pixels_of(figure)
+    # Nothing is cut off: the outermost pixels of the left edge are paper.
+    assert (picture[:, :2] == 255).all()
+
+
+def panel(top):
+    with figure_style():
+        drawing, (axes,) = make_panel(4.6, 2.0)
+        axes.plot([0, 1], [0, top])
+        axes.set(xlabel="reading", ylabel="share of readings [%]")
+    return drawing

@@ -28,8 +28,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.backend_bases import RendererBase
+from matplotlib.backends import backend_mixed, backend_pdf
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure as Drawing
 from matplotlib.image import imsave
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -114,7 +114,11 @@ class _PanelYAxis(_PanelAxis, YAxis):
     pass
 
 
-LEFT_IN = 0.68  # room for a label and for numbers such as -0.0005
+# Without types of their own.
+_mixed: Any = backend_mixed
+_pdf: Any = backend_pdf
+
+LEFT_IN = 0.75  # room for a label and for numbers such as -0.0005
 RASTER_FROM = 1000  # number of dots from which a layer is a bitmap instead of one element a dot
 _RASTER_DPI = 160  # sharp at the width the page shows a panel, also on paper
 _MARGIN_PT = 4  # around a figure in a file of its own: labels reach to the edge of a panel
@@ -182,7 +186,7 @@ class Figure:
         Parameters
         ----------
         path : path
-            ``.png`` or ``.svg``, the panels in rows as on a wide page; ``.pdf``, a sheet for each panel.
+            ``.png``, ``.svg`` or ``.pdf``, the panels in rows as on a wide page.
         dpi : int
             Of a ``.png``, and of the layers of many dots in the others.
 
@@ -271,7 +275,7 @@ def make_panel(width_in: float, height_in: float, *, rows: int = 1, top_in: floa
     )
     for each in axes:
         each.set_title("")  # takes the height of the style
-        each.place_labels(left_in=0.11, bottom_in=0.169)
+        each.place_labels(left_in=0.15, bottom_in=0.169)
     return drawing, list(axes)
 
 
@@ -385,10 +389,38 @@ def _write_svg(figure: Figure, path: Path, dpi: int) -> None:
 
 
 def _write_pdf(figure: Figure, path: Path, dpi: int) -> None:
+    """One sheet; each panel is drawn in a frame of its own, as the canvas of matplotlib knows one drawing only."""
     undated: Any = {"CreationDate": None, "Creator": None, "Producer": None}
-    with figure_style(), PdfPages(path, metadata=undated) as sheets:
-        for drawing in figure.panels:
-            sheets.savefig(drawing, dpi=dpi, bbox_inches="tight", pad_inches=_MARGIN_PT / 72)
+    m = _MARGIN_PT / 72
+    sizes = np.array([drawing.get_size_inches() for drawing in figure.panels]) + 2 * m
+    rows = [range(i, min(i + figure.columns, len(sizes))) for i in range(0, len(sizes), figure.columns)]
+    heights = [sizes[row, 1].max() for row in rows]
+    file = _pdf.PdfFile(path, metadata=undated)
+    with figure_style():
+        file.newPage(max(sizes[row, 0].sum() for row in rows), sum(heights))
+        for k, row in enumerate(rows):
+            lower = sum(heights[k:])
+            for i in row:
+                left = sizes[row.start : i, 0].sum() + m
+                _draw_in_pdf(file, figure.panels[i], (72 * left, 72 * (lower - sizes[i, 1] + m)), dpi)
+        file.finalize()
+        file.close()
+
+
+def _draw_in_pdf(file: Any, drawing: Drawing, at_pt: tuple[float, float], dpi: int) -> None:
+    """Draw a panel with its lower left corner at a place of the sheet."""
+    (width, height), usual = drawing.get_size_inches(), drawing.dpi
+    drawing.set_dpi(72)  # a unit of the sheet is a point
+    try:
+        file.output(_pdf.Op.gsave)
+        file.output(1, 0, 0, 1, *at_pt, _pdf.Op.concat_matrix)
+        of_sheet = _pdf.RendererPdf(file, dpi, height, width)
+        renderer = _mixed.MixedModeRenderer(drawing, width, height, dpi, of_sheet)
+        drawing.draw(renderer)
+        renderer.finalize()
+        file.output(_pdf.Op.grestore)
+    finally:
+        drawing.set_dpi(usual)
 
 
 def _parsed_svg(drawing: Drawing, dpi: int) -> ElementTree.Element:

@@ -239,6 +239,8 @@ def test_by_a_plan_that_nobody_confirmed_nothing_conforms_and_nothing_is_green()
     assert [line[4] for line in table(page, "Values against limits")] == ["outside limit", "within limit"]
     assert page.sections[1].tables[0].states == ("bad", "none")
     assert "outside: E_Uni, 150, position 1" in page.sections[0].text
+    assert "(listed under 'Where each number stands')" in page.sections[0].text
+    assert "uni.positions" not in page.sections[0].text
     figure = limits_figure(rows, rule="iso14253-1:2013", decides=False)
     assert figure.alt.endswith("20\u202f%, within limit; E_Uni, 150, position 1 140\u202f%, outside limit.")
 

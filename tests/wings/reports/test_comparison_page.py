@@ -63,6 +63,16 @@ def test_a_model_that_does_not_help_is_bad(compared):
     assert "Do not use this model" in verdict.detail
 
 
+def test_an_error_that_falls_by_less_than_its_uncertainty_has_no_tick(compared):
+    random = np.random.default_rng(3)
+    step = random.normal(0, 0.3, (40, 3))
+    predicted = {"nominal": compared.points + step, "model": compared.points + random.permutation(0.99 * step)}
+    errors = {name: dict(compare_errors(one, predicted["nominal"], compared.points)) for name, one in predicted.items()}
+    verdict = comparison_verdict(replace(compared, predicted=predicted, errors=errors), {})
+    assert verdict.state == "doubtful"
+    assert "does not fall by more than the uncertainty of that difference" in verdict.detail
+
+
 def test_the_readings_are_a_scene_with_the_arm_and_their_uncertainty(compared):
     stated = replace(compared, std_mm={"model": np.full(40, 0.02)}, reading_names=[f"line {i}" for i in range(40)])
     page = comparison_page(stated, title="T", subtitle="", facts=[])

@@ -25,6 +25,8 @@ from truearm.typing import FloatArray
 # Share of the readings in their 95 % ellipsoids from which the stated uncertainty counts as confirmed: readings of one
 # position err alike, so that of a few hundred the share scatters by some percent.
 LEAST_COVERAGE = 0.9
+# Standard uncertainties of a mean difference of errors by which an error must fall.
+SURE = 2.0
 ERROR_COLUMNS = (
     ("mean_mm", "mean distance", "mm"),
     ("rms_mm", "rms distance", "mm"),
@@ -229,8 +231,9 @@ def comparison_verdict(
 ) -> PageVerdict:
     """The accuracy of a model on these readings, and its uncertainty.
 
-    Good: compensation reduces the error of readings that took no part in training, and the uncertainty that the model
-    states covers them. Doubtful: they are training readings or may be, or the stated uncertainty is too small for them.
+    Good: compensation reduces the error of readings that took no part in training by more than the uncertainty of the
+    difference, and the uncertainty that the model states covers them. Doubtful: it may be chance, they are training
+    readings or may be, or the stated uncertainty is too small for them.
 
     Parameters
     ----------
@@ -245,6 +248,13 @@ def comparison_verdict(
         return PageVerdict(error_sentence(compared), "bad", "Do not use this model for these readings.")
     details: list[str] = []
     state: State = "good"
+    if before is not None:
+        distances = _distances(compared)
+        gains = distances[before] - distances[best]
+        u_gain = float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else np.inf
+        if not gains.mean() > SURE * u_gain:
+            state = "doubtful"
+            details.append("The error does not fall by more than the uncertainty of that difference.")
     if doubts and best in doubts:
         state = "doubtful"
         details.append(doubts[best])

@@ -36,6 +36,7 @@ from truearm.wings.laboratory.monitor.interim_check import (
     interim_deviations,
     interim_values,
 )
+from truearm.wings.laboratory.pages.interim_check_page import drift_sections
 from truearm.wings.laboratory.standards.specification import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])
@@ -183,6 +184,21 @@ def checks_of(errors, scatters=None, artefact="A to B"):
         day = datetime.datetime(2026, 1, 1) + datetime.timedelta(days=i)
         made.append(InterimCheck(day, "m" * 64, f"{i:064x}", 20.0, tuple(values)))
     return made
+
+
+def test_the_page_of_few_checks_has_one_chart_that_says_so():
+    """From the sixth on each value has its own chart with limits."""
+    checks = [
+        replace(one, values=tuple(replace(value, largest_expected_mm=0.05) for value in one.values))
+        for one in checks_of([0.001, -0.002, 0.001, 0.0, 0.002, 0.001], [0.01, 0.02, 0.01, 0.02, 0.01, 0.02])
+    ]
+    few, enough = (drift_sections(some, assess(some))[1].figures[0] for some in (checks[:3], checks))
+    (drawing,) = few.panels
+    (axes,) = drawing.axes
+    assert axes.get_title("left") == "too few yet: 3 of 6 checks for limits"
+    assert [len(line.get_xdata()) for line in axes.lines[:2]] == [3, 3]
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), [2, -4, 2])  # % of 0.05 mm
+    assert len(enough.panels) == 2
 
 
 def limited(**limits):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from decimal import Decimal
 
-from truearm.number_format import RoundedNumber, capitalize
+from truearm.number_format import RoundedNumber, capitalize, format_number
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.paper import Attachment, Logo, Paper
 from truearm.wings.laboratory.certificate.administrative_data import NOTES, AdministrativeData, Person, Site
@@ -20,6 +20,7 @@ from truearm.wings.laboratory.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.wings.laboratory.pages.limits_figure import limits_figure
 from truearm.wings.laboratory.pages.verification_page import sources_section
 from truearm.wings.laboratory.standards.verification import Verification
+from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD
 from truearm.wings.laboratory.standards.verification_text import limit_uncertainty, verdict_sentence, worst_values
 
 Entries = Sequence[tuple[str, str | None]]
@@ -78,7 +79,7 @@ def certificate_page(
             _parties(certificate),
             _traceability(certificate),
             _method(certificate),
-            sources_section(verification),
+            sources_section(verification.plan, verification.measured.tests),
             _use(certificate),
             _individual(certificate),
             _budgets(certificate),
@@ -279,7 +280,8 @@ def _use(certificate: Certificate) -> Section:
     kinds = ("item", "reproduction", "rated conditions", "limits of use", "remark")
     notes = certificate.about.notes
     own = [f"{name}: {words}" for key, name in NOTES.items() if (words := getattr(notes, key)) is not None]
-    stated = [text for kind in kinds for text in certificate.texts(kind)]
+    # What is not confirmed is a table of the page.
+    stated = [text for kind in kinds for text in certificate.texts(kind) if CHECK_STANDARD not in text]
     return Section("Use of this certificate", "\n\n".join([*own, *stated]))
 
 
@@ -308,21 +310,31 @@ def _budgets(certificate: Certificate) -> Section:
     return Section(
         "Uncertainty budgets",
         "Standard uncertainties of the contributions to a test value. They are independent: their squares add. U is "
-        "the combined standard uncertainty times k. Degrees of freedom by Welch and Satterthwaite (GUM G.4.1).",
-        tables=tuple(_budget(one) for one in certificate.budgets),
+        "the combined standard uncertainty times k. Degrees of freedom by Welch and Satterthwaite (GUM G.4.1) are in "
+        "brackets where they are finite.",
+        tables=_budget_tables(certificate.budgets),
         folded=True,
     )
 
 
-def _budget(listed: StatedList) -> Table:
-    rows: list[list[Cell]] = []
-    for one in listed.quantities:
-        if one.unit == "1" and rows:  # the degrees of freedom of the line before; infinite without a number
-            rows[-1][2] = _text(one.value)
-        else:
-            rows.append([one.name, RoundedNumber(float(one.value), float(one.value)), "∞"])
-    columns = Column.of("contribution", "u [mm]", "degrees of freedom")
-    return Table(columns, tuple(map(tuple, rows)), f"{listed.name}.")
+def _budget_tables(budgets: Sequence[StatedList]) -> tuple[Table, ...]:
+    """A table for the test values that have the same contributions, a column each; degrees of freedom in brackets."""
+    alike: dict[tuple[str, ...], list[tuple[Cell, ...]]] = {}
+    for budget in budgets:
+        parts: dict[str, Cell] = {}
+        for one in budget.quantities:
+            if one.unit == "1" and parts:  # the degrees of freedom of the one before; infinite without a number
+                name = next(reversed(parts))
+                u = parts[name]
+                assert isinstance(u, RoundedNumber)
+                parts[name] = f"{format_number(u.value, uncertainty=u.uncertainty)} ({_text(one.value)})"
+            else:
+                parts[one.name] = RoundedNumber(float(one.value), float(one.value))
+        alike.setdefault(tuple(parts), []).append((budget.name, *parts.values()))
+    return tuple(
+        Table((Column("u of the contributions [mm]"), *map(Column, names)), tuple(rows), "")
+        for names, rows in alike.items()
+    )
 
 
 def _entries(entries: Entries, caption: str = "") -> Table:

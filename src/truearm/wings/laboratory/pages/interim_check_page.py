@@ -12,7 +12,7 @@ from truearm.files.dates import format_date
 from truearm.number_format import RoundedNumber, capitalize, format_count
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
-from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, shorten
+from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, shorten, styles_of
 from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import IntArray
 from truearm.wings.laboratory.monitor.assessment import (
@@ -164,6 +164,48 @@ def trend_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -> Fig
     )
 
 
+def few_checks_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -> Figure:
+    """Draw the values of the first checks in one panel, each as a share of what the model explains.
+
+    Parameters
+    ----------
+    trends : sequence of Trend
+        With a chart and an explained deviation.
+    checks : sequence of InterimCheck
+        All checks, for their dates; fewer than charts need.
+    """
+    needed = 1 + MIN_LIMIT_VALUES
+    with figure_style():
+        drawing, (axes,) = make_panel(6.4, 2.8)
+        pens = styles_of(trend.latest.label for trend in trends)
+        for trend in trends:
+            assert trend.chart is not None
+            assert trend.explained_mm is not None
+            pen, values = pens[trend.latest.label], trend.chart.values
+            is_absolute = trend.latest.quantity == "diameter"  # of a sphere: nobody states it
+            share = 100 * (values - (values.mean() if is_absolute else 0.0)) / trend.explained_mm
+            axes.plot(
+                trend.checks + 1, share, color=pen.colour, marker=pen.marker, linestyle=pen.dash, markersize=3.5,
+                label=shorten(trend.latest.label),
+            )  # fmt: skip
+        for edge in (-100.0, 100.0):
+            axes.axhline(edge, color=LIMIT, linewidth=0.9)
+        axes.axvspan(len(checks) + 0.5, needed + 0.5, color=FAINT, alpha=0.4, linewidth=0)
+        axes.set_title(f"too few yet: {len(checks)} of {needed} checks for limits")
+        axes.set_ylabel("value / explained [%]")
+        axes.set_xlim(0.4, needed + 0.6)
+        dates = {i: f"\n{checks[i - 1].date.date()}" for i in (1, len(checks))}
+        axes.set_xticks(range(1, needed + 1), [f"{i}{dates.get(i, '')}" for i in range(1, needed + 1)])
+        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
+        drawing.subplots_adjust(right=0.66)
+    return Figure(
+        (drawing,),
+        caption="Each value as a share of what the uncertainty of the model explains, between the grey lines; a "
+        f"diameter by its difference from the mean. The charts with limits begin with check {needed}.",
+        alt=f"Values of {len(checks)} checks as shares of what the model explains; {needed} checks are needed.",
+    )
+
+
 def temperature_figure(checks: Sequence[InterimCheck]) -> Figure:
     """Draw the temperature of the checks that have one; at least one has."""
     known = [
@@ -256,8 +298,11 @@ def _verdict(trend: Trend) -> str:
 
 def _figures(checks: Sequence[InterimCheck], assessment: Assessment) -> tuple[Figure, ...]:
     figures = []
-    if len(checks) > 1 and any(trend.chart is not None for trend in assessment.trends):
+    charts = [trend.chart for trend in assessment.trends if trend.chart is not None]
+    if any(chart.shows_limits.any() for chart in charts):
         figures.append(trend_figure(assessment.trends, checks))
+    elif len(checks) > 1 and (explained := [trend for trend in assessment.trends if trend.explained_mm]):
+        figures.append(few_checks_figure(explained, checks))
     if sum(check.temperature_degC is not None for check in counted(checks)) > 1:
         figures.append(temperature_figure(checks))
     return tuple(figures)

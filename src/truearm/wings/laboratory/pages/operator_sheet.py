@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -24,16 +24,15 @@ from truearm.wings.laboratory.pages.operator_sheet_figures import (
     places_figure,
     stylus_directions,
 )
-from truearm.wings.laboratory.standards.layout import Placement
-from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD
+from truearm.wings.laboratory.pages.verification_page import sources_section
 
 _BLANK = "\u00a0"  # a cell to fill in by hand
 _STEP_MM = 10  # positions are printed to a centimetre
 
 _ENDS_TOUCHED = (
-    "Measure one point in a seat, and five points all over the half of a ball (the pole and four on the equator, never "
-    "a single one). On faces: three points or more a face, spread over it; or, if the file of artefacts states the "
-    "alignment, one point on each, exactly opposite."
+    "Measure one point in a seat, and five points all over the half of a sphere (the pole and four on the equator, "
+    "never a single one). On faces: three points or more a face, spread over it; or, if the file of artefacts states "
+    "the alignment, one point on each, exactly opposite."
 )
 
 
@@ -45,7 +44,7 @@ def operator_sheet_page(sheet: OperatorSheet) -> Page:
         sections.append(_bars(sheet))
     if sheet.of(ON_BALLS):
         sections.append(_probing(sheet))
-    sections += [_records(sheet), _steps(sheet)]
+    sections += [_records(sheet), _steps(sheet), sources_section(sheet.plan, _tests(sheet))]
     return Page(
         title=f"Operator's sheet: {sheet.plan.heading}",
         subtitle=f"Laid out for a measuring range of {format_number(round(sheet.measuring_range_mm))}\u00a0mm by "
@@ -86,7 +85,7 @@ def _preparation(sheet: OperatorSheet) -> Section:
 def _positions(sheet: OperatorSheet) -> Section:
     balls, seats = sheet.positions(ON_BALLS), sheet.positions(("single_point",))
     rows: list[tuple[Cell, ...]] = []
-    for what, stands, tests in (("ball", balls, ON_BALLS), ("seat", seats, ("single_point",))):
+    for what, stands, tests in (("sphere", balls, ON_BALLS), ("seat", seats, ("single_point",))):
         for place, number in stands.items():
             names = dict.fromkeys(one.artefact for one in sheet.of(tests) if place_of(one) == place)
             rows.append((f"{what}\u00a0{number}", ", ".join(names), *_rounded(np.array(place))))
@@ -100,7 +99,7 @@ def _positions(sheet: OperatorSheet) -> Section:
     tables: tuple[Table, ...] = ()
     if rows:
         columns = Column.of("position", "artefact", "ahead [mm]", "left [mm]", "up [mm]")
-        tables = (Table(columns, tuple(rows), "Centres of balls and seats, from the centre of the arm's base."),)
+        tables = (Table(columns, tuple(rows), "Centres of test spheres and seats, from the centre of the arm's base."),)
     return Section(
         "Positions",
         "Coordinates ahead, left and up start at the centre of the arm's base. The positions are proposals of truearm, "
@@ -123,8 +122,9 @@ def _bars(sheet: OperatorSheet) -> Section:
     columns += [Column("rise", "deg"), Column("lengths", "mm")]
     return Section(
         "Positions of the bar",
-        "All lengths at a position begin at the same end A. The seats or balls point up, those of an upright bar "
-        f"towards the arm. {_ENDS_TOUCHED} The numbers of points in the steps are those for seats.",
+        "All lengths at a position begin at the same end A. The seats or spheres point up, those of an upright bar "
+        f"towards the arm. {_ENDS_TOUCHED} The numbers of points in the steps are those for seats. Each position is "
+        "drawn from above and from the side, ahead to the right; the cross is the arm's base.",
         figures=(bars_figure(sheet),),
         tables=(Table(tuple(columns), tuple(rows), "Ends of the bar, from the centre of the arm's base."),),
     )
@@ -135,7 +135,7 @@ def _probing(sheet: OperatorSheet) -> Section:
     patterns = {len(one.points): one for one in sheet.of(("probing", "effective_diameter"))}
     if patterns:
         text.append(
-            "All over the ball: touch the points of the figure, the first at the pole, the others row by row. The "
+            "All over the sphere: touch the points of the figure, the first at the pole, the others row by row. The "
             "stylus points half way between the surface's normal and the vertical."
         )
         figures.append(pattern_figure(patterns))
@@ -151,78 +151,86 @@ def _probing(sheet: OperatorSheet) -> Section:
             Table(
                 Column.of("group", "direction of the stylus"),
                 rows,
-                "Beyond is the side of the ball away from the arm; left and right are as seen from the arm.",
+                "Beyond is the side of the sphere away from the arm; left and right are as seen from the arm.",
             )
         )
     return Section("Directions of the stylus", "\n\n".join(text), figures=tuple(figures), tables=tuple(tables))
 
 
+# What the standards call their tests (ISO 10360-12, ASME B89.4.22).
+TEST_NAMES = {
+    "probing": "probing size and form error",
+    "articulation": "articulated location error",
+    "uni": "unidirectional length measurement error",
+    "bi": "bidirectional length measurement error",
+    "effective_diameter": "effective diameter performance test",
+    "single_point": "single-point articulation performance test (SPAT)",
+    "volumetric": "volumetric performance test",
+}
+
+
 def _steps(sheet: OperatorSheet) -> Section:
-    rows = tuple(
-        (number, what, points, _BLANK, _BLANK) for number, (what, points) in enumerate(_rows_of_steps(sheet), start=1)
-    )
-    columns = Column.of("step", "action", "points", "artefact [degC]", "time, remarks")
+    rows: list[tuple[Cell, ...]] = []
+    before = ""
+    for number, (test, *step) in enumerate(_rows_of_steps(sheet), start=1):
+        rows.append((number, "" if test == before else test, *step, _BLANK, _BLANK))
+        before = test
+    columns = Column.of("step", "test", "action", "in the file", "points", "artefact [degC]", "time, remarks")
     return Section(
         "Step by step",
-        tables=(Table(columns, rows, "In the order to measure.", fillable=True),),
+        tables=(Table(columns, tuple(rows), "In the order to measure.", fillable=True),),
     )
 
 
 def _records(sheet: OperatorSheet) -> Section:
-    unconfirmed = [
-        f"{one.test}.{one.describe()}" for one in sheet.plan.unconfirmed(_tests(sheet)) if one.test in _tests(sheet)
-    ]
     text = (
         "Record the temperature of the artefact in each step; if something moves, repeat the whole step. Store the "
         "points in a file, one row a point, with the columns test, artefact, date, position, length, repeat, end, "
-        "group, x_mm, y_mm, z_mm and artefact_degC, and tip_diameter_mm if points on balls or faces are not "
+        "group, x_mm, y_mm, z_mm and artefact_degC, and tip_diameter_mm if points on spheres or faces are not "
         "compensated but are the centre of the stylus tip, and serial_number, that of the arm, in one row or all; "
-        "docs/verification.md describes this file, which truearm verify reads. Enter the texts in quotation marks on "
-        "this sheet as they are."
+        "docs/verification.md describes this file, which truearm verify reads. Enter the words of the column 'in the "
+        "file' as they are."
     )
     if _tests(sheet) & {"single_point", "uni", "volumetric"}:
         text += (
             "\n\nPoints in seats must be the centre of the stylus tip. Many programs compensate single points along "
             "the direction of approach: switch that off for seats, or the result is wrong by up to the tip's radius."
         )
-    if unconfirmed:
-        text += f"\n\nWhat is not confirmed in the plan, {CHECK_STANDARD}: {', '.join(unconfirmed)}."
     return Section("Records", text)
 
 
-def _rows_of_steps(sheet: OperatorSheet) -> Iterator[tuple[str, int]]:
-    """The steps, each with its number of points."""
+def _rows_of_steps(sheet: OperatorSheet) -> Iterator[tuple[str, str, str, int]]:
+    """The steps: test, action, what the file has, and the number of points."""
     balls, seats = sheet.positions(ON_BALLS), sheet.positions(("single_point",))
     done: set[tuple[str, str]] = set()
     for one in sheet.layout:
-        k = len(one.points)
+        k, name = len(one.points), TEST_NAMES[one.test]
         if one.test in ("probing", "effective_diameter"):
-            yield f"Ball {balls[place_of(one)]}, all over the upper half: test '{one.test}', {_keys(one)}", k
+            yield name, f"Sphere {balls[place_of(one)]}, all over the upper half", _in_file(one.test, one.keys), k
         elif one.test == "articulation":
             direction = describe_direction(one.approach[0], float(np.arctan2(one.at[1], one.at[0])))
-            yield f"Ball {balls[place_of(one)]}, the stylus {direction}: test 'articulation', {_keys(one)}", k
+            yield name, f"Sphere {balls[place_of(one)]}, the stylus {direction}", _in_file(one.test, one.keys), k
         elif one.test == "single_point":
-            postures = "the elbow from side to side, another posture at each point"
-            yield f"Seat {seats[place_of(one)]}, the tip's centre, {postures}: test 'single_point', {_keys(one)}", k
+            action = f"Seat {seats[place_of(one)]}, the tip's centre, the elbow from side to side, another posture at "
+            yield name, f"{action}each point", _in_file(one.test, one.keys), k
         else:
             position = one.keys["position"]
             if (one.test, position) in done:
                 continue
             done.add((one.test, position))
             here = [other for other in sheet.of((one.test,)) if other.keys["position"] == position]
-            lengths = dict.fromkeys(other.keys["length"] for other in here)
+            lengths = list(dict.fromkeys(other.keys["length"] for other in here))
             runs = len({other.keys.get("repeat") for other in here})
             again = f", {runs} times" if runs > 1 else ""
-            named = ", ".join(f"'{length}'" for length in lengths)
             bar = capitalize(name_bar_position(sheet, one.test, position))
-            how = "" if one.test == "bi" else ", one point in a seat, five all over a ball"
-            what = f"length{'s' * (len(lengths) > 1)} {named}, end 'A' then 'B'{how}{again}"
-            points = sum(len(other.points) for other in here)
-            yield f"{bar}, {what}: test '{one.test}', position '{position}'", points
+            action = f"{bar}, end A, then B{again}"
+            keys = {"position": position, "length": ", ".join(lengths), "end": "A, B"}
+            yield name, action, _in_file(one.test, keys), sum(len(other.points) for other in here)
 
 
-def _keys(one: Placement) -> str:
-    return ", ".join(f"{key} '{value}'" for key, value in one.keys.items())
+def _in_file(test: str, keys: Mapping[str, str]) -> str:
+    """What the columns of the file have in this step."""
+    return "; ".join(f"{column} {value}" for column, value in {"test": test, **keys}.items())
 
 
 def _tests(sheet: OperatorSheet) -> set[str]:

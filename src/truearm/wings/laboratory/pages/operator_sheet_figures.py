@@ -129,16 +129,17 @@ def describe_direction(direction: FloatArray, azimuth: float) -> str:
 
 
 def places_figure(sheet: OperatorSheet) -> Figure:
-    """Draw the positions of balls and seats from above, from the side and from the front."""
+    """Draw the positions of test spheres and seats from above and from the side."""
     kinds: tuple[tuple[str, Mapping[tuple[float, ...], str], str, str], ...] = (
-        ("ball", sheet.positions(ON_BALLS), NAVY, "o"),
+        ("test sphere", sheet.positions(ON_BALLS), NAVY, "o"),
         ("seat", sheet.positions(("single_point",)), ORANGE, "s"),
     )
     with figure_style():
         panels = []
         for view in _VIEWS:
-            drawing, axes = _space(sheet, 3.3, 3.1, view=view)
-            for _, stands, colour, marker in kinds:
+            drawing, axes = _space(sheet, 3.5, 3.3, view=view)
+            # Names of spheres stand below their marks and those of seats above: in some view one hides the other.
+            for (_, stands, colour, marker), (side, up) in zip(kinds, ((-5, -13), (5, 5)), strict=True):
                 labels: dict[tuple[int, int], list[str]] = {}  # positions one behind the other share a label
                 for place, number in stands.items():
                     x, y = _flat(np.array(place), view=view)
@@ -148,15 +149,16 @@ def places_figure(sheet: OperatorSheet) -> Figure:
                 for (column, row), numbers in labels.items():
                     at = (column * sheet.reach_mm / 20, row * sheet.reach_mm / 20)
                     axes.annotate(
-                        ", ".join(numbers), at, xytext=(5, 5), textcoords="offset points", color=INK, weight="bold"
-                    )
+                        ", ".join(numbers), at, xytext=(side, up), textcoords="offset points", color=colour,
+                        ha="left" if side > 0 else "right", weight="bold",
+                    )  # fmt: skip
             panels.append(drawing)
     number = " and ".join(format_count(len(stands), what) for what, stands, *_ in kinds if stands)
     return Figure(
         tuple(panels),
-        caption="Blue: balls. Orange: seats. The pale disc is the reach of the arm, the cross its base.",
-        alt=f"Positions of {number} in the measuring volume, from above, from the side and from the front.",
-        columns=3,
+        caption="Blue: test spheres. Orange: seats. The pale disc is the reach of the arm, the cross its base.",
+        alt=f"Positions of {number} in the measuring volume, from above and from the side.",
+        columns=2,
     )
 
 
@@ -195,9 +197,9 @@ def bars_figure(sheet: OperatorSheet) -> Figure:
             panels.append(drawing)
     return Figure(
         tuple(panels),
-        caption="Each position from above and from the side, ahead to the right; the cross is the arm's base.",
+        caption="The positions of the bar, in the order of measuring.",
         alt=f"The bar at {format_count(len(panels), 'position')}, each from above and from the side.",
-        columns=3,
+        columns=2,
     )
 
 
@@ -215,8 +217,8 @@ def pattern_figure(patterns: Mapping[int, Placement]) -> Figure:
     numbers = " and ".join(format_number(number) for number in patterns)
     return Figure(
         tuple(panels),
-        caption="Points on the ball, from above; those on the rim lie on the equator. Ahead is to the right.",
-        alt=f"Pattern of {numbers} points on the upper half of a ball, seen from above.",
+        caption="Points on the test sphere, from above; those on the rim lie on the equator. Ahead is to the right.",
+        alt=f"Pattern of {numbers} points on the upper half of a test sphere, seen from above.",
         columns=min(len(panels), 2),
     )
 
@@ -240,7 +242,7 @@ def groups_figure(groups: Mapping[str, FloatArray]) -> Figure:
     return Figure(
         tuple(panels),
         caption="The stylus in each group; orange is its tip. The arm stands to the left of both pictures; in space, "
-        "the ball is seen from the arm's side and the right.",
+        "the test sphere is seen from the arm's side and the right.",
         alt=f"Directions of the stylus. {directions}.",
         columns=2,
     )
@@ -266,7 +268,7 @@ def _stylus(axes: Axes, name: str, direction: FloatArray, across_up: FloatArray)
 
 
 # The coordinates across and up of each view, and its name.
-_VIEWS = {(0, 1): "from above", (0, 2): "from the side", (1, 2): "from the front"}
+_VIEWS = {(0, 1): "from above", (0, 2): "from the side"}
 _AXES = ("ahead", "left", "up")
 _View = tuple[int, int]
 _ABOVE, _SIDE = (0, 1), (0, 2)

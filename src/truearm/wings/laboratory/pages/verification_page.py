@@ -5,7 +5,8 @@ The places stand in space, coloured by how much of its limit each value and its 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from math import isinf
 
 import numpy as np
@@ -23,7 +24,7 @@ from truearm.wings.laboratory.standards.decision import Budget, ConformityResult
 from truearm.wings.laboratory.standards.measured_places import MeasuredPlace, measured_places, share_of_limit
 from truearm.wings.laboratory.standards.measured_points import PointGroup
 from truearm.wings.laboratory.standards.verification import Verification
-from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD, is_confirmed
+from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD, VerificationPlan, is_confirmed
 from truearm.wings.laboratory.standards.verification_text import (
     LEVEL_TEXT,
     UNROUNDED_TEXT,
@@ -34,6 +35,8 @@ from truearm.wings.laboratory.standards.verification_text import (
     worst_values,
 )
 
+SOURCES = "Where each number stands"
+_SHA256 = r", SHA-256 [0-9a-f]{64}"  # of the model, which is a row of data and settings
 _CROSS_OF_EXTENT = 0.04  # arms of the cross at the origin
 
 
@@ -214,7 +217,7 @@ def verification_sections(verification: Verification) -> tuple[Section, ...]:
         _values(verification),
         _artefacts(verification),
         _budgets(verification),
-        sources_section(verification),
+        sources_section(verification.plan, verification.measured.tests),
     )
 
 
@@ -238,7 +241,11 @@ def _decision(verification: Verification) -> Section:
         sources += f"; artefacts at {degC} (means of the groups of points)"
     remarks = [remark for remark in verification.remarks if CHECK_STANDARD not in remark]
     origin = verification.measured.origin.describe()
-    paragraphs = [describe_decision(verification), origin, *(f"{capitalize(remark)}." for remark in remarks)]
+    decision = describe_decision(verification)
+    if verification.gap is not None:  # the entries themselves stand in a table
+        _, _, entries = verification.gap.partition(": ")
+        decision = decision.replace(f": {entries}.", f" (listed under {SOURCES!r}).") if entries else decision
+    paragraphs = [decision, re.sub(_SHA256, "", origin), *(f"{capitalize(remark)}." for remark in remarks)]
     rule = describe_rule(verification.rule, confirmed=verification.gap is None)
     text = "\n\n".join([*paragraphs, f"{sources}.", rule])
     return Section("Decision", text, scenes=(where_scene(verification.measured.tests, verification.rows_with_limit),))
@@ -321,27 +328,27 @@ def _budget(budget: Budget, rows: Sequence[ConformityResult]) -> Table:
     return Table(columns, tuple(cells), f"{'; '.join(dict.fromkeys(row.name for row in rows))}.")
 
 
-def sources_section(verification: Verification) -> Section:
-    """Where each number and formula of the plan stands, and whether somebody looked it up there."""
-    entries = list(verification.plan.entries(verification.measured.tests))
+def sources_section(plan: VerificationPlan, tests: Collection[str]) -> Section:
+    """Where each number and formula of a plan's tests stands, and whether somebody looked it up there."""
+    entries = list(plan.entries(tests))
     open_ = sum(not is_confirmed(one) for one in entries)
     rows: list[tuple[Cell, ...]] = [
         (one.test, one.describe(), one.source, "confirmed" if is_confirmed(one) else "not confirmed") for one in entries
     ]
-    text = f"Every number and formula that enters a verdict. {capitalize(verification.plan.heading)}."
+    text = f"Every number and formula that enters a verdict. {capitalize(plan.heading)}."
     if open_:
         text += (
             " The text of the standard was not available when the plan was written. Not confirmed, "
             f"{CHECK_STANDARD}: {open_} of {len(entries)}."
         )
     return Section(
-        "Where each number stands",
+        SOURCES,
         text,
         tables=(
             Table(
                 Column.of("test", "number or formula", "where it stands", "looked up"),
                 tuple(rows),
-                f"Entries of the plan {verification.plan.name}.",
+                f"Entries of the plan {plan.name}.",
                 states=tuple("none" if is_confirmed(one) else "doubtful" for one in entries),
             ),
         ),
