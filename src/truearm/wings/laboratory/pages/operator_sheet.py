@@ -172,8 +172,8 @@ TEST_NAMES = {
 def _steps(sheet: OperatorSheet) -> Section:
     rows: list[tuple[Cell, ...]] = []
     before = ""
-    for number, (test, *step) in enumerate(_rows_of_steps(sheet), start=1):
-        rows.append((number, "" if test == before else test, *step, _BLANK, _BLANK))
+    for number, (test, action, in_file, points) in enumerate(_rows_of_steps(sheet), start=1):
+        rows.append((number, "" if test == before else test, action, in_file, points, _BLANK, _BLANK))
         before = test
     columns = Column.of("step", "test", "action", "in the file", "points", "artefact [degC]", "time, remarks")
     return Section(
