@@ -65,7 +65,7 @@ def stated_columns(kind: Kind) -> list[str]:
     """Options that state columns and units."""
     options = ["--angles", ",".join(kind.angles), "--angle-unit", kind.angle_unit]
     if kind.points:
-        options += ["--points", ",".join(kind.points), "--point-unit", kind.point_unit]
+        options += ["--point", ",".join(kind.points), "--point-unit", kind.point_unit]
     return options
 
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
+from typing import Any, get_args
 
 import pytest
+import typer
 
-from truearm.command_line import run
+from truearm.command_line import COMMANDS, make_app, run
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,54 @@ def truearm_run(*arguments: object, terminal: bool = False) -> Ran:
         run([str(a) for a in arguments])
     assert isinstance(ended.value.code, int)
     return Ran(ended.value.code, out.getvalue(), err.getvalue())
+
+
+def called(command: str, *arguments: object, **options: object) -> int:
+    """The exit code of a command whose errors come as they are; options by name, lists once for each value."""
+    words = [command, *map(str, arguments)]
+    for name, value in options.items():
+        option = f"--{name.replace('_', '-')}"
+        for one in value if isinstance(value, list) else [] if value is None else [value]:
+            words += [option] if one is True else [option, str(one)]
+    code: int | None = make_app(command)(words, standalone_mode=False)
+    return code or 0
+
+
+@dataclass(frozen=True)
+class Declared:
+    """An option or argument as a command declares it: `name` is ``--out``, or that of the argument."""
+
+    command: str
+    name: str
+    types: tuple[Any, ...]
+    help: str
+
+
+def functions() -> Iterator[tuple[str, Any]]:
+    """The function of each command and of each in a group, with the options that it has from its verb."""
+    for verb, place in COMMANDS.items():
+        module, _, function = place.partition(":")
+        command = getattr(importlib.import_module(module), function)
+        found = {verb: command}
+        if isinstance(command, typer.Typer):
+            found = {f"{verb} {one.name or one.callback.__name__}": one.callback for one in command.registered_commands}
+            if command.registered_callback is not None:
+                found[verb] = command.registered_callback.callback
+        yield from ((name, getattr(one, "with_options", lambda one=one: one)()) for name, one in found.items())
+
+
+def declared() -> Iterator[Declared]:
+    """Every option and argument of every command."""
+    for command, function in functions():
+        for one in signature(function, eval_str=True).parameters.values():
+            if one.annotation is typer.Context:
+                continue
+            kind, info = get_args(one.annotation)
+            names = [word for word in (info.default, *(info.param_decls or ())) if isinstance(word, str)]
+            is_option = isinstance(info, typer.models.OptionInfo)
+            name = next((word for word in names if word.startswith("--")), "--" + one.name.replace("_", "-"))
+            types = (kind, *get_args(kind), *(part for some in get_args(kind) for part in get_args(some)))
+            yield Declared(command, name if is_option else one.name, types, info.help or "")
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:

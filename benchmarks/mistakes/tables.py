@@ -74,7 +74,7 @@ def _with_controllers(instrument: str) -> str:
     return imported(of_instrument, joints("measured_q{}"), own, options=options)
 
 
-@mistake("points of a marker beside what the controller calls measured", said="marker_x.* and measured_x.*--points")
+@mistake("points of a marker beside what the controller calls measured", said="marker_x.* and measured_x.*--point")
 def marker_and_measured() -> str:
     return _with_controllers("marker")
 
@@ -112,7 +112,7 @@ def measured_and_nominal() -> str:
 
 @mistake("a column of points for the payload too", said="used for two things")
 def one_column_twice() -> str:
-    return imported(joints(), points("{}"), options=("--points", "X,Y,Z", "--column", "payload_kg=X"))
+    return imported(joints(), points("{}"), options=("--point", "X,Y,Z", "--column", "payload_kg=X"))
 
 
 # Units ---------------------------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import codecs
 import errno
 import importlib
 import io
+import re
 import signal
 import sys
 import threading
@@ -17,11 +18,11 @@ from typing import Any, NoReturn, Protocol, runtime_checkable
 
 import typer
 from typer import Option
-from typer.core import TyperGroup
 
 from truearm import __version__, wings
 from truearm.errors import TruearmError
 from truearm.printable_text import printable
+from truearm.verbs.signature import Group
 
 # The first screen of the help: what a person has in hand, and in it the order in which a newcomer needs the commands.
 GROUPS = {
@@ -43,11 +44,58 @@ def _commands() -> dict[str, str]:
 
 
 COMMANDS = _commands()
-# What other people call them.
-OTHER_NAMES = {"calibrate": "fit", "identify": "fit", "compensate": "predict"}
+# What other people call commands, and what earlier releases called options: the command and the option that it had.
+OTHER_NAMES = {
+    "calibrate": "fit",
+    "identify": "fit",
+    "compensate": "predict",
+    "arms --readings": "--session",
+    "certificate --html": "--page",
+    "certificate --plan": "--test-plan",
+    "certificate --points": "--measured",
+    "certificate --sign": "--key",
+    "check --report": "--page",
+    "export --source": "--original",
+    "fetch --list": "truearm fetch",
+    "fleet check --report": "--page",
+    "fleet prior --into": "--out",
+    "fleet report --out": "--page",
+    "import --points": "--point",
+    "import --position": "--column position=NAME",
+    "import --seat": "--column seat=NAME",
+    "import --session": "--column session=NAME",
+    "import --standstill-seconds": "--still",
+    "import --temperature": "--column temperature_degC=NAME",
+    "import --tip": "--column tip=NAME",
+    "live --model": "--model-file",
+    "plan --length": "--bar",
+    "plan --table": "--table-top",
+    "predict --into": "truearm verify fill MODEL SESSION --into points.csv",
+    "record --model": "--model-file",
+    "report --out": "--page",
+    "reproduce --readings": "--session",
+    "reproduce --test": "--test-session",
+    "simulate --bar-mm": "--bar",
+    "simulate --lengths": "--out-lengths",
+    "sources --arm-file": "--out",
+    "task --report": "--page",
+    "task --spec": "--mpe",
+    "verify --artefacts-from": "truearm verify artefacts CERTIFICATE",
+    "verify --plan": "--test-plan",
+    "verify --points": "--measured",
+    "verify --print-plan": "truearm verify plan NAME",
+    "verify --report": "--page",
+    "verify --sheet": "truearm verify sheet PLAN --page sheet.html",
+    "verify --simulate": "truearm verify simulate MODEL|PRESET",
+    "verify --template": "truearm verify template artefacts",
+    "verify sheet --points": "--out",
+    "verify simulate --plan": "--test-plan",
+}
+# What pydantic, and with it Typer, says of 0,2 and of 5um.
+NO_NUMBER = "Input should be a valid number, unable to parse string as a number"
 
 
-class _InGroups(TyperGroup):
+class _InGroups(Group):
     """The program, whose help lists its commands in groups."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002 - what click hands over
@@ -200,12 +248,23 @@ def _message(error: Exception) -> str:
         return f"{where}{error.strerror or error}"
     problem = error.format_message() if isinstance(error, SupportsMessage) else str(error)
     problem = " ".join(problem.split()).replace("Value error, ", "").removesuffix(".")
-    for word, verb in OTHER_NAMES.items():
-        if problem.startswith(f"No such command '{word}'"):
-            return f"{word} is called {verb} here. Try: truearm {verb} --help"
+    problem = problem.replace(NO_NUMBER, "expected a number with a decimal point, such as 0.2")
     context = getattr(error, "ctx", None)
+    if answer := _other_name(problem, context.command_path.partition(" ")[2] if context else ""):
+        return answer
     stop = "" if problem.endswith("?") else "."
     return f"{problem}{stop} Try: {context.command_path if context else 'truearm'} --help"
+
+
+def _other_name(problem: str, command: str) -> str | None:
+    """The answer to a word that has another name here: a command, or an option of a command."""
+    found = re.match(r"No such (?:command '|option: )([\w-]+)", problem)
+    word = found[1] if found else ""
+    now = OTHER_NAMES.get(f"{command} {word}".strip())
+    if now is None or now.startswith("truearm "):
+        return now and f"{word} is a command now. Try: {now}"
+    to_try = f"{command} {now}" if now.startswith("-") else f"{now} --help"
+    return f"{word} is called {now.partition(' ')[0]} here. Try: truearm {to_try}"
 
 
 def _print_error(message: str) -> None:

@@ -46,7 +46,7 @@ def refused(truearm, bench, snapshot, monkeypatch):
 FIT = ("fit", "s.csv", "--arm", "gao2017", "--model", "kinematic", "--out", "m.truearm")
 EVALUATE = ("evaluate", "kinematic.truearm", "s.csv")
 PREDICT = ("predict", "kinematic.truearm", "s.csv", "--out", "p.csv")
-REPORT = ("report", "kinematic.truearm", "s.csv", "--out", "r.html")
+REPORT = ("report", "kinematic.truearm", "s.csv", "--page", "r.html")
 
 
 def changed(row, column, value):
@@ -238,16 +238,16 @@ def test_a_model_file_that_is_none(refused, bench):
 
 
 def test_model_and_session_the_other_way_round(refused):
-    for verb in (("evaluate",), ("predict", "--out", "p.csv"), ("report", "--out", "r.html")):
+    for verb in (("evaluate",), ("predict", "--out", "p.csv"), ("report", "--page", "r.html")):
         refused([*verb, "s.csv", "kinematic.truearm"], "kinematic.truearm: expected a session file", "the model first")
 
 
 def test_models_of_different_arms_in_one_report(refused, truearm, bench):
     arguments = ["fit", "wam.csv", "--arm", "wam", "--model", "nominal", "--out", "wam.truearm"]
     assert truearm(*arguments).code == 0
-    refused(["report", "kinematic.truearm", "wam.truearm", "s.csv", "--out", "r.html"], "models of one arm, but 'wam'")
-    refused(["report", "kinematic.truearm", "kinematic.truearm", "--out", "r.html"], "a session file after the model")
-    refused(["report", "s.csv", "--out", "r.html"], "one or more model files, then a session file", "Try: ")
+    refused(["report", "kinematic.truearm", "wam.truearm", "s.csv", "--page", "r.html"], "models of one arm, but 'wam'")
+    refused(["report", "kinematic.truearm", "kinematic.truearm", "--page", "r.html"], "a session file after the model")
+    refused(["report", "s.csv", "--page", "r.html"], "one or more model files, then a session file", "Try: ")
 
 
 # Where results go ----------------------------------------------------------------------------------------------------

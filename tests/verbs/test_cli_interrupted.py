@@ -180,7 +180,7 @@ def test_a_bar_shows_on_a_terminal_and_is_gone_at_the_end(shown, tmp_path):
 
 def test_other_verbs_show_that_they_work(shown, tmp_path):
     out = tmp_path / "r.html"
-    assert "drawing the report" in shown("report", "kinematic.truearm", "test.csv", "--out", out).err
+    assert "drawing the report" in shown("report", "kinematic.truearm", "test.csv", "--page", out).err
     assert "evaluating test.csv" in shown("evaluate", "kinematic.truearm", "test.csv").err
     assert "measuring 10 poses" in shown("simulate", "gao2017", "--poses", 10, "--out", tmp_path / "s.csv").err
 

@@ -171,7 +171,7 @@ def test_predict_keeps_the_names_of_the_readings_and_warns_of_a_network(truearm,
 def test_report_compares_models_on_one_page(truearm, made, tmp_path):
     page = tmp_path / "report.html"
     models = [made / f"{model}.truearm" for model in MODELS]
-    ran = truearm("report", *models, made / "test.csv", "--out", page, "--title", "Arm 7 <in May>")
+    ran = truearm("report", *models, made / "test.csv", "--page", page, "--title", "Arm 7 <in May>")
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.startswith("Mean error ")
     assert "\n3 models compared on 100 readings\n" in ran.out
@@ -286,7 +286,7 @@ def test_an_imported_table_is_fitted_and_evaluated(truearm, made, tmp_path):
     table.write_text("E1;E2;E3;E4;E5;E6;mx;my;mz\n" + text + "\n", encoding="cp1252")
     ran = truearm(
         *("import", table, "--separator", ";", "--decimal", ",", "--angles", "E1,E2,E3,E4,E5,E6"),
-        *("--angle-unit", "counts", "--counts-per-turn", 3600, "--points", "mx,my,mz", "--point-unit", "m"),
+        *("--angle-unit", "counts", "--counts-per-turn", 3600, "--point", "mx,my,mz", "--point-unit", "m"),
         *("--encoding", "cp1252", "--out", session),
     )
     assert (ran.code, ran.err) == (0, "")
@@ -298,7 +298,7 @@ def test_an_imported_table_is_fitted_and_evaluated(truearm, made, tmp_path):
 
 def test_fetch_lists_what_there_is(truearm):
     listed = truearm("fetch")
-    assert listed.out == truearm("fetch", "--list").out
+    assert listed.out == truearm("fetch").out
     assert [line.split()[0] for line in listed.out.splitlines()[1:5]] == ["ur10-a", "ur10-b", "ur5", "wam"]
 
 
@@ -316,7 +316,8 @@ def test_a_real_arm_goes_the_whole_path(truearm, tmp_path):
     assert "Cite: Landgraf" in said
     table = truearm(
         *("import", datasets.find_local("ur10-a"), "--separator", ";", "--decimal", ",", "--angle-unit", "rad"),
-        *("--angles", "8,9,10,11,12,13", "--temperature", 14, "--points", "15,16,17", "--position", "2,3,4"),
+        *("--angles", "8,9,10,11,12,13", "--point", "15,16,17"),
+        *("--column", "temperature_degC=14", "--column", "position=2,3,4"),
         *("--session-name", "series A", "--out", tmp_path / "imported.csv"),
     )
     assert table.code == 0, table.err
@@ -408,7 +409,7 @@ def test_evaluate_and_report_remark_on_what_spoils_a_test(truearm, made, tmp_pat
     """Training readings, and readings of another arm: said in both, not only in one."""
     train = truearm("evaluate", made / "kinematic.truearm", made / "train.csv")
     assert "are training readings of the model: a fair" in train.out
-    assert truearm("report", made / "kinematic.truearm", made / "train.csv", "--out", tmp_path / "r.html").code == 0
+    assert truearm("report", made / "kinematic.truearm", made / "train.csv", "--page", tmp_path / "r.html").code == 0
     assert "These are the training readings of the model" in (tmp_path / "r.html").read_text()
     foreign = tmp_path / "foreign.csv"
     assert truearm("simulate", "ur10", "--poses", 30, "--strategy", "box", "--out", foreign).code == 0
@@ -419,7 +420,7 @@ def test_a_model_file_named_nominal_does_not_pass_for_the_drawing(truearm, made,
     """Each model's share is of its own nominal arm; the row `nominal` is the drawing, whatever a file is called."""
     (tmp_path / "nominal.truearm").write_bytes((made / "kinematic.truearm").read_bytes())
     page = tmp_path / "r.html"
-    assert truearm("report", tmp_path / "nominal.truearm", made / "test.csv", "--out", page).code == 0
+    assert truearm("report", tmp_path / "nominal.truearm", made / "test.csv", "--page", page).code == 0
     assert "nominal.truearm" in page.read_text()
     own = json.loads(truearm("evaluate", made / "kinematic.truearm", made / "test.csv", "--json").out)
     assert f"{own['removed_percent']:.1f}" in page.read_text()
@@ -428,7 +429,7 @@ def test_a_model_file_named_nominal_does_not_pass_for_the_drawing(truearm, made,
 def test_models_with_other_free_parts_are_not_compared_on_one_page(truearm, made, tmp_path):
     free = tmp_path / "free.truearm"
     assert truearm("fit", made / "train.csv", "--arm", "gao2017", "--model", "kinematic", "--out", free).code == 0
-    ran = truearm("report", made / "kinematic.truearm", free, made / "test.csv", "--out", tmp_path / "r.html")
+    ran = truearm("report", made / "kinematic.truearm", free, made / "test.csv", "--page", tmp_path / "r.html")
     assert ran.code == 2
     assert "same --free" in ran.err
 

@@ -61,7 +61,7 @@ def test_twenty_rows_are_used_and_the_others_test(truearm, made, moved, refit, t
     # As good as the arm was in its own set-up, but for what 20 readings of 0.012 mm of noise leave open.
     alone = json.loads(truearm("evaluate", made / "kinematic.truearm", made / "test.csv", "--json").out)
     assert told["mean_mm"] < 1.3 * alone["mean_mm"]
-    page = truearm("report", out, moved, "--out", tmp_path / "r.html")
+    page = truearm("report", out, moved, "--page", tmp_path / "r.html")
     assert page.out.startswith("Mean error ")
     assert "\n1 model compared on 80 readings\n20 of 100 are training readings of the model and are " in page.out
     assert page.out.endswith(f"page written to {tmp_path / 'r.html'}\n")
@@ -183,7 +183,7 @@ def test_lengths_are_of_the_whole_session_and_those_between_rows_taken_serve(tru
     assert (told["n_training"], len(told["lengths"])) == (9, 2)
     gone = "1 of 3 lengths refer to a seat without a reading that is used; ignored."
     assert gone in told["remarks"]
-    ran = truearm("report", out, session, "--lengths", lengths, "--out", tmp_path / "r.html")
+    ran = truearm("report", out, session, "--lengths", lengths, "--page", tmp_path / "r.html")
     assert (ran.code, gone in ran.out) == (0, True)
     lengths.write_text("seat_a,seat_b,length_mm,u_mm\nS1,T,100,0.01\n")
     ran = truearm(*arguments)

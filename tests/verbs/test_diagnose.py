@@ -77,8 +77,8 @@ def test_the_command_prints_it_and_changes_no_file(wrong, truearm, tmp_path, mon
     write_arm(ta.load_arm("gao2017"), "my-arm.toml")
     write_session(wrong, "readings.csv")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert truearm("arms", "my-arm.toml", "--readings", "readings.csv").out.startswith("sign of J4 reversed: ")
-    as_json = truearm("arms", "my-arm.toml", "--readings", "readings.csv", "--json").out
+    assert truearm("arms", "my-arm.toml", "--session", "readings.csv").out.startswith("sign of J4 reversed: ")
+    as_json = truearm("arms", "my-arm.toml", "--session", "readings.csv", "--json").out
     assert json.loads(as_json)["is_contradicted"] is True
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
@@ -86,7 +86,7 @@ def test_the_command_prints_it_and_changes_no_file(wrong, truearm, tmp_path, mon
 def test_apply_writes_an_arm_that_explains_the_readings(wrong, readings, truearm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_session(wrong, "readings.csv")
-    ran = truearm("arms", "gao2017", "--readings", "readings.csv", "--apply", "mended.toml")
+    ran = truearm("arms", "gao2017", "--session", "readings.csv", "--apply", "mended.toml")
     assert ran.code == 0, ran.err
     mended, nominal = ta.load_arm("mended.toml"), ta.load_arm("gao2017")
     np.testing.assert_allclose(
@@ -94,7 +94,7 @@ def test_apply_writes_an_arm_that_explains_the_readings(wrong, readings, truearm
     )  # mm
     assert "mended: sign of J4 reversed" in mended.source
     assert ta.diagnose(mended, wrong).check.stated.is_usual
-    assert truearm("arms", "gao2017", "--readings", "readings.csv", "--apply", "mended.toml").code == 2  # exists
+    assert truearm("arms", "gao2017", "--session", "readings.csv", "--apply", "mended.toml").code == 2  # exists
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_seats_and_a_bar_serve_the_command(truearm, tmp_path, monkeypatch):
     simulated = ta.simulate("gao2017", poses=40, strategy="seat", preset="shop", bars=2, reference=False, seed=1)
     write_session(replace(simulated.session, angles=simulated.session.angles * SIGN), "readings.csv")
     write_lengths(simulated.lengths, "lengths.csv")
-    ran = truearm("arms", "gao2017", "--readings", "readings.csv", "--lengths", "lengths.csv")
+    ran = truearm("arms", "gao2017", "--session", "readings.csv", "--lengths", "lengths.csv")
     assert ran.code == 0, ran.err
     assert "sign of J4 reversed" in ran.out.splitlines()[0]
 
@@ -138,11 +138,11 @@ def test_seats_and_a_bar_serve_the_command(truearm, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["arms", "gao2017", "--lengths", "x.csv"], "--lengths and --apply need --readings"),
-        (["arms", "gao2017", "--apply", "a.toml"], "--apply need --readings"),
-        (["arms", "gao2017", "--readings", "x.csv", "--out", "a.toml"], "--readings needs a nominal arm"),
-        (["arms", "gao2017", "--readings", "x.csv", "--page"], "--readings needs a nominal arm"),
-        (["arms", "gao2017", "--readings", "x.csv"], "x.csv"),
+        (["arms", "gao2017", "--lengths", "x.csv"], "--lengths and --apply need --session"),
+        (["arms", "gao2017", "--apply", "a.toml"], "--apply need --session"),
+        (["arms", "gao2017", "--session", "x.csv", "--out", "a.toml"], "--session needs a nominal arm"),
+        (["arms", "gao2017", "--session", "x.csv", "--page", "p.html"], "--session needs a nominal arm"),
+        (["arms", "gao2017", "--session", "x.csv"], "x.csv"),
     ],
 )
 def test_what_does_not_go_together_is_refused(arguments, says, truearm, tmp_path, monkeypatch):

@@ -173,12 +173,12 @@ def test_comparisons_use_the_readings_with_a_point_and_say_so(truearm, folder, s
     points = arm.chain.tip_in_base(angles)
     points[4:] = np.nan
     mixed = session(angles, points=points, seat=SEATS)
-    ran = truearm("report", folder / "kinematic.truearm", mixed, "--out", tmp_path / "r.html")
+    ran = truearm("report", folder / "kinematic.truearm", mixed, "--page", tmp_path / "r.html")
     assert ran.code == 0
     assert "8 of 12 readings have no reference point and are skipped." in ran.out
     assert "compared on 4 readings" in ran.out
     seats = session(angles, name="seats.csv", seat=SEATS)
-    ran = truearm("report", folder / "kinematic.truearm", seats, "--out", tmp_path / "r.html")
+    ran = truearm("report", folder / "kinematic.truearm", seats, "--page", tmp_path / "r.html")
     assert (ran.code, "compared on 8 readings" in ran.out) == (0, True)
     assert "4 of 12 readings are in no seat and are skipped." in ran.out
     ran = truearm("fit", mixed, "--arm", "gao2017", "--model", "network", "--out", tmp_path / "m.truearm")

@@ -2,38 +2,23 @@
 
 from __future__ import annotations
 
-import importlib
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
 
 import pytest
-import typer
 
 import truearm as ta
-from truearm.command_line import COMMANDS
+from command_line import declared
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 DOCS = Path(__file__).parents[2] / "docs" / "files.md"
 KEPT, OWN, FREE = "kept", "replaced by its own kind", "kept, without `--force`"
-# Options that name a file or folder that is read.
-READ = {
-    "about",
-    "arms",
-    "artefacts",
-    "certificate",
-    "artefacts_from",
-    "as_found",
-    "check",
-    "files",
-    "folder",
-    "from_circles",
-    "lengths",
-}
-READ |= {"logo", "model", "mpe", "new", "old", "plan", "points", "points_from", "prior", "read", "readings", "region"}
-READ |= {"session", "sign", "signer", "spec", "table", "targets", "trusted"}
+# Options and arguments that name a file or folder that is read.
+READ = {"artefacts", "certificate", "files", "folder", "model", "new", "old", "session", "table", "targets"}
+READ |= {"--about", "--artefacts", "--as-found", "--check", "--from-circles", "--key", "--lengths", "--list", "--logo"}
+READ |= {"--measured", "--model-file", "--mpe", "--plan", "--prior", "--read", "--region", "--session", "--signer"}
+READ |= {"--test-session", "--trusted", "--with"}
 
 
 def rows() -> dict[tuple[str, str], str]:
@@ -45,23 +30,6 @@ def rows() -> dict[tuple[str, str], str]:
 
 def of_kind(*kinds: str) -> list[tuple[str, str]]:
     return [row for row, after in rows().items() if after.replace("`", "") in {kind.replace("`", "") for kind in kinds}]
-
-
-def commands() -> Iterator[tuple[str, Any]]:
-    for verb, place in COMMANDS.items():
-        module, _, function = place.partition(":")
-        command = getattr(importlib.import_module(module), function)
-        if isinstance(command, typer.Typer):
-            if command.registered_callback is not None:
-                yield verb, command.registered_callback.callback
-            for one in command.registered_commands:
-                yield f"{verb} {one.name or one.callback.__name__}", one.callback
-        else:
-            yield verb, command
-
-
-def parameters(command: Any) -> dict[str, Any]:
-    return {name: hint for name, hint in get_type_hints(command).items() if name != "return"}
 
 
 @pytest.fixture(scope="module")
@@ -86,21 +54,21 @@ def bench(files, tmp_path, monkeypatch) -> Path:
 # ARM and OUT stand for the file that the row is about.
 WRITES: dict[tuple[str, str], str] = {
     ("arms", "--out"): "arms gao2017 --out x.toml",
-    ("arms", "--apply"): "arms ur10 --readings m.csv --apply x.toml",
+    ("arms", "--apply"): "arms ur10 --session m.csv --apply x.toml",
     ("fetch", "--out"): "fetch ur10-a --out x.csv",
     ("simulate", "--out"): "simulate gao2017 --poses 5 --out x.csv",
-    ("simulate", "--lengths"): "simulate ur10 --strategy seat --bars 2 --lengths x.csv --out y.csv",
+    ("simulate", "--out-lengths"): "simulate ur10 --strategy seat --bars 2 --out-lengths x.csv --out y.csv",
     ("plan", "--out"): "plan gao2017 --artefact tracker --out x.csv",
-    ("sources", "--arm-file"): "sources --try microscribe:COM1 --arm-file x.toml",
+    ("sources", "--out"): "sources --try microscribe:COM1 --out x.toml",
     ("record", "--out-model"): "record --source replay:m.csv --out y.csv --arm ur10 --out-model x.truearm",
     ("live", "--out-model"): "live --source replay:m.csv --out y.csv --arm ur10 --out-model x.truearm",
     ("import", "--out"): "import m.csv --out x.csv",
     ("split", "--train"): "split m.csv --by row --train x.csv --test y.csv",
     ("split", "--test"): "split m.csv --by row --train y.csv --test x.csv",
     ("fit", "--apply"): "fit m.csv --arm ur10 --out y.truearm --apply x.toml",
-    ("verify sheet", "--points"): "verify sheet iso10360-12 --out y.html --points x.csv",
+    ("verify sheet", "--out"): "verify sheet iso10360-12 --page y.html --out x.csv",
     ("verify artefacts", "--out"): "verify artefacts c.xml --out x.toml",
-    ("fleet prior", "--into"): "fleet prior fleet --into x.toml",
+    ("fleet prior", "--out"): "fleet prior fleet --out x.toml",
     ("fit", "--out"): "fit m.csv --arm ur10 --model nominal --out x.truearm",
     ("refit", "--out"): "refit m.truearm m.csv --out x.truearm",
     ("predict", "--out"): "predict m.truearm m.csv --out x.csv",
@@ -115,16 +83,12 @@ def out_of(row: tuple[str, str]) -> Path:
 
 def test_every_file_that_a_command_names_is_read_or_in_the_table():
     table = {(command, option) for command, options in rows() for option in options.split()}
-    for name, command in commands():
-        if name in ("record", "live"):  # whose options are those of a shared list
-            continue
-        paths = [one for one, hint in parameters(command).items() if Path in (hint, *get_args(hint))]
-        unknown = {one for one in paths if (name, f"--{one.replace('_', '-')}") not in table} - READ
-        assert not (unknown - {"run", "readings", "test"}), name
+    paths = {(one.command, one.name) for one in declared() if Path in one.types}
+    assert {one for one in paths - table if one[1] not in READ} == {("docs", "--run")}
 
 
 def test_force_is_an_option_where_it_changes_something_and_only_there():
-    has_it = {name for name, command in commands() if "force" in parameters(command)}
+    has_it = {one.command for one in declared() if one.name == "--force"}
     assert has_it == {command for command, _ in of_kind(KEPT)} | {"refit"}
 
 
@@ -198,16 +162,16 @@ INPUTS = [
     ("refit m.truearm m.csv --force --out", ["m.truearm", "m.csv"]),
     ("predict m.truearm m.csv --out", ["m.csv"]),
     ("correct m.truearm m.csv --direction command --out", ["m.csv"]),
-    ("export m.truearm --source a.urdf --out", ["a.urdf"]),
+    ("export m.truearm --original a.urdf --out", ["a.urdf"]),
     ("import m.csv --force --out", ["m.csv"]),
     ("split m.csv --force --train y.csv --test", ["m.csv"]),
     ("split m.csv --force --test y.csv --train", ["m.csv"]),
     ("simulate ur10 --plan m.csv --force --out", ["m.csv"]),
     ("plan m.truearm --artefact tracker --session m.csv --force --out", ["m.csv"]),
     ("arms a.toml --force --out", ["a.toml"]),
-    ("arms a.toml --readings m.csv --force --apply", ["a.toml"]),
+    ("arms a.toml --session m.csv --force --apply", ["a.toml"]),
     ("arms --from-circles m.toml --force --out", ["m.toml"]),
-    ("report m.truearm m.html --out", ["m.html"]),
+    ("report m.truearm m.html --page", ["m.html"]),
 ]
 
 

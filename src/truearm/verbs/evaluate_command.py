@@ -6,25 +6,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer import Argument, Option
+from typer import Argument
 
-from truearm.choices import Conditions
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import (
-    AcceptOption,
-    Json,
-    LengthsFile,
-    LimitsOption,
-    ModelFile,
-    SchedulerOption,
-    WorkersOption,
-    executor_of,
-)
+from truearm.verbs.signature import of_verb
 
 
+@of_verb("truearm.verbs.evaluate:evaluate")
 def evaluate(
+    verb: Any,
     context: typer.Context,
-    model: ModelFile,
+    model: options.ModelFile,
     session: Annotated[
         Path,
         Argument(
@@ -32,19 +25,10 @@ def evaluate(
             help="Session file with reference points or seats, or folder of files; not the training session.",
         ),
     ],
-    lengths: LengthsFile = None,
-    limits: LimitsOption = "skip",
-    conditions: Annotated[
-        Conditions | None,
-        Option(
-            help="Conditions of these readings: the day and set-up of the training (repeatability), or others. By "
-            "default what the column session says."
-        ),
-    ] = None,
-    accept: AcceptOption = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    as_json: Json = False,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Test a model on readings it was not fitted to.
 
@@ -57,10 +41,7 @@ def evaluate(
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out; only its reference points are compared (docs/large-sessions.md).
     """
-    from truearm.verbs.evaluate import evaluate as evaluate_model
-
-    executor = executor_of(context, session, workers, scheduler)
-    options: dict[str, Any] = {"lengths": lengths, "limits": limits, "conditions": conditions, "accept": accept}
+    executor = options.executor_of(context, session, workers, scheduler)
     with progress(f"evaluating {session.name}") as update:
-        evaluation = evaluate_model(model, session, executor=executor, progress=update, **options)
+        evaluation = verb(model, session, **given, executor=executor, progress=update)
     print_record(evaluation, as_json=as_json)

@@ -9,25 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer import Argument, Option
 
-from truearm.choices import ModelName, Trainer
+from truearm.choices import Trainer
 from truearm.errors import InputError
 from truearm.findings import Finding
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import (
-    ARM_HELP,
-    AcceptOption,
-    Json,
-    LengthsFile,
-    LimitsOption,
-    ModelForce,
-    ModelOut,
-    SchedulerOption,
-    WorkersOption,
-    executor_of,
-    free_parts,
-    refuse_typed,
-)
 from truearm.verbs.outputs import check_model_output, check_new_output
+from truearm.verbs.signature import of_verb
 
 if TYPE_CHECKING:
     from truearm.verbs.fit import FitResult
@@ -49,57 +37,51 @@ MODELS_OF: dict[str, tuple[str, ...]] = {
 }
 
 
+@of_verb("truearm.verbs.fit:fit")
 def fit(
+    verb: Any,
     context: typer.Context,
     session: Annotated[
         Path, Argument(metavar="SESSION", help="Session file with reference points or seats, or folder of files.")
     ],
-    out: ModelOut,
-    arm: Annotated[str | None, Option("--arm", help=f"{ARM_HELP} A network needs none.")] = None,
-    model: Annotated[ModelName, Option(help="What to fit: see above.")] = "auto",
-    lengths: LengthsFile = None,
-    free: Annotated[str, Option(help="What is unknown of the nominal arm's placement: base,tip or none.")] = "base,tip",
-    limits: LimitsOption = "skip",
-    prior: Annotated[
-        Path | None, Option(help="File of truearm fleet prior: what arms of this type have in common.")
-    ] = None,
-    accept: AcceptOption = None,
+    out: options.ModelOut,
+    arm: options.ArmOption = None,
+    model: options.ModelOption = "auto",
     no_residual_process: Annotated[
         bool, Option("--no-residual-process", help="Physical: without smooth errors that no term describes.")
     ] = False,
     hidden: Annotated[
         str | None, Option(help="Network, hybrid: units of the hidden layers; default 30,30 and 15.")
     ] = None,
-    trainer: Annotated[
-        Trainer,
-        Option(help="Network: variable projection, or as in MATLAB (trainbr: few readings, after Foresee and Hagan)."),
-    ] = "varpro",
+    trainer: Annotated[Trainer | None, Option(help="Network: by default variable projection, varpro.")] = None,
     epochs: Annotated[
         int | None, Option(min=1, help="Network, hybrid: maximum epochs per training run; default 200 and 30.")
     ] = None,
-    goal: Annotated[float, Option(min=0, help="Network: mean squared error of scaled outputs at which to stop.")] = 0.0,
+    goal: Annotated[
+        float | None, Option(min=0, help="Network: mean squared error of scaled outputs at which to stop; 0.")
+    ] = None,
     validation: Annotated[
-        float, Option(min=0, max=1, help="Network: share of the readings held out to stop in time.")
-    ] = 0.15,
-    restarts: Annotated[int, Option(min=1, help="Network: starts of each training run; the best is kept.")] = 1,
+        float | None, Option(min=0, max=1, help="Network: share of the readings held out to stop in time; 0.15.")
+    ] = None,
+    restarts: Annotated[
+        int | None, Option(min=1, help="Network: starts of each run, of which the best is kept.")
+    ] = None,
     members: Annotated[
-        int | None,
-        Option(min=1, help="Network, hybrid: number of networks, the mean of which predicts; default 1 and 5."),
+        int | None, Option(min=1, help="Network, hybrid: networks, the mean of which predicts; default 1 and 5.")
     ] = None,
-    seed: Annotated[int, Option(min=0, help="Network, hybrid: of the starts and the splits of the readings.")] = 0,
+    seed: Annotated[int | None, Option(min=0, help="Seed of all random numbers.")] = None,
     arm_model: Annotated[
-        Literal["kinematic", "nominal"], Option(help="Hybrid: the arm whose residuals the networks learn.")
-    ] = "kinematic",
-    apply: Annotated[
-        Path | None, Option(help="Write the nominal arm with the joint zeros found to a new arm file, .toml or .urdf.")
+        Literal["kinematic", "nominal"] | None, Option(help="Hybrid: the arm whose residuals the networks learn.")
     ] = None,
-    force: ModelForce = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
+    apply: options.ArmOut = None,
+    force: options.Force = False,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
     details: Annotated[
         bool, Option("--details", help="Print groups of terms, what is not identifiable, and terms not offered too.")
     ] = False,
-    as_json: Json = False,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Identify an arm: fit a model to its readings.
 
@@ -122,33 +104,28 @@ def fit(
     from truearm.arm import load_arm
     from truearm.arm.catalogue import arm_path
     from truearm.readings.files import is_large
-    from truearm.verbs.fit import fit as fit_model
 
     check_options(context, model)
-    arm_file = None if arm is None else arm_path(arm)
-    check_model_output(out, None if arm is None else load_arm(arm), session, arm_file, lengths, prior, force=force)
+    files = session, None if arm is None else arm_path(arm), given["lengths"], given["prior"]
+    check_model_output(out, None if arm is None else load_arm(arm), *files, force=force)
     if apply is not None:
-        check_new_output(apply, session, arm_file, lengths, prior, out, force=force, endings=(".toml", ".urdf"))
+        check_new_output(apply, *files, out, force=force, endings=(".toml", ".urdf"))
         _check_table(arm, apply)
-    options: dict[str, Any] = {}
     total = 4 if model == "auto" else None
     if model == "network":
-        epochs, members = epochs or 200, members or 1
-        options = {"hidden": layer_sizes(hidden or "30,30"), "trainer": trainer, "epochs": epochs, "goal": goal}
-        options |= {"validation": validation, "n_restarts": restarts, "n_members": members, "seed": seed}
-        total = epochs * restarts * members
+        total = (epochs or 200) * (restarts or 1) * (members or 1)
     elif model == "hybrid":
         total = 5 if members is None else members
         if total < 2:
             raise InputError(f"expected --members of 2 or more for a hybrid model, got {total}", hint="--members 5")
-        options = {"hidden": layer_sizes(hidden or "15"), "epochs": epochs or 30, "n_members": total, "seed": seed}
-        options["arm_model"] = arm_model
-    if no_residual_process:
-        options["residual"] = False
-    options |= {"model": model, "lengths": lengths, "free": free_parts(free), "limits": limits, "prior": prior}
-    executor = executor_of(context, session, workers, scheduler)
+    stated: dict[str, Any] = {"model": model, "hidden": hidden and layer_sizes(hidden), "trainer": trainer}
+    stated |= {"epochs": epochs, "goal": goal, "validation": validation, "n_restarts": restarts}
+    stated |= {"n_members": members, "seed": seed, "arm_model": arm_model}
+    stated |= {"residual": False if no_residual_process else None}
+    given |= {name: value for name, value in stated.items() if value is not None}
+    executor = options.executor_of(context, session, workers, scheduler)
     with progress(f"fitting {model}", total=None if is_large(session) else total) as report:
-        result = fit_model(arm, session, accept=accept, executor=executor, progress=report, **options)
+        result = verb(arm, session, **given, executor=executor, progress=report)
         check_model_output(out, result.model.arm_, force=force)  # its readings may state a serial number
         result.save(out)
         if apply is not None and not result.identifies_constants:
@@ -177,13 +154,13 @@ def _write_arm(result: FitResult, file: Path, model_file: Path) -> None:
         raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
 
 
-def check_options(context: typer.Context, model: str) -> None:
+def check_options(context: typer.Context, model: str | None) -> None:
     """Refuse options that the model does not have: it would not follow them."""
     for models in dict.fromkeys(MODELS_OF.values()):
         if model not in models:
             names = [name for name, of in MODELS_OF.items() if of == models]
             rule = f"applies to {' and '.join(models)} models only, got --model {model}"
-            refuse_typed(context, names, rule, hint=f"omit it, or use --model {models[0]}")
+            options.refuse_typed(context, names, rule, hint=f"omit it, or use --model {models[0]}")
 
 
 def layer_sizes(text: str) -> tuple[int, ...]:

@@ -5,49 +5,118 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
-from truearm.choices import Conditions, Limits
+from truearm.choices import Conditions, Convention, Limits, ModelName
 from truearm.errors import InputError
 
 if TYPE_CHECKING:
     from truearm.solve.executors import Executor
 
-Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
 ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
+
+
+def numbers_of(text: str, option: str, example: str) -> list[float]:
+    """The numbers of an option, separated by commas.
+
+    Raises
+    ------
+    InputError
+        If one of them is no number.
+    """
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(
+            f"{option} expects numbers separated by commas, got {text!r}", hint=f"{option} {example}"
+        ) from None
+
+
+def free_parts(text: str) -> tuple[str, ...]:
+    """The free parts that --free names.
+
+    Raises
+    ------
+    InputError
+        If one of them is neither base nor tip.
+    """
+    parts = () if text.strip() == "none" else tuple(part.strip() for part in text.split(","))
+    if not set(parts) <= {"base", "tip"}:
+        raise InputError(f"--free expects base, tip, base,tip or none, got {text!r}", hint="--free base,tip")
+    return parts
+
+
+# Arguments. One name is one thing: commands take an option that several have from here, or from their room.
+ArmArgument = Annotated[str, Argument(metavar="ARM", help=ARM_HELP)]
 ModelFile = Annotated[Path, Argument(metavar="MODEL", help="Model file.")]
-ModelOut = Annotated[Path, Option("--out", help="Model file to write; the usual ending is .truearm.")]
 SessionFile = Annotated[Path, Argument(metavar="SESSION", help="Session file, .csv or .parquet.")]
+# Files that are read.
+ArmOption = Annotated[str | None, Option("--arm", help=f"Nominal arm. {ARM_HELP}")]
+ArtefactsFile = Annotated[Path | None, Option("--artefacts", help="Certificates of the artefacts, .toml.")]
 LengthsFile = Annotated[Path | None, Option(help="File of known lengths between the session's seats, .csv.")]
-Force = Annotated[bool, Option("--force", help="Replace a file that exists, and what people wrote or measured in it.")]
-ModelForce = Annotated[
-    bool, Option("--force", help="Replace what --out or --apply keeps: another arm's model, a file of another kind.")
+MpeFile = Annotated[Path | None, Option("--mpe", help="The arm's specification: limits and measuring range, .toml.")]
+PlanFile = Annotated[Path | None, Option(help="Plan of the poses: the file of truearm plan, .csv.")]
+PriorFile = Annotated[Path | None, Option(help="What arms of this type have in common: file of truearm fleet prior.")]
+ReadSession = Annotated[Path | None, Option("--session", help="Session file, .csv or .parquet.")]
+# Files that are written.
+ModelOut = Annotated[Path, Option("--out", help="Model file to write; the usual ending is .truearm.")]
+ArmOut = Annotated[Path | None, Option("--apply", help="Arm file to write with what was found, .toml or .urdf.")]
+Page = Annotated[Path | None, Option("--page", help="Page to write, .html.")]
+Force = Annotated[
+    bool, Option("--force", help="Replace what is kept otherwise: what people wrote or measured, another arm's model.")
 ]
-Seed = Annotated[int, Option(min=0, help="Seed of all random numbers.")]
-LimitsOption = Annotated[Limits, Option(help="Readings beyond a joint limit: skip them, or use them.")]
-ConditionsOption = Annotated[
-    Conditions,
-    Option(
-        help="What the uncertainty is for: any day (reproducibility), or the day and set-up of the training readings "
-        "(repeatability)."
-    ),
-]
+# What is computed, and how.
 AcceptOption = Annotated[
     str | None,
     Option("--accept", metavar="REASON", help="Go on where readings contradict arm or model; the reason is kept."),
 ]
+ConditionsOption = Annotated[
+    Conditions,
+    Option(
+        help="Conditions of the uncertainty: any day (reproducibility), or the day and set-up of the training readings "
+        "(repeatability)."
+    ),
+]
+ConventionOption = Annotated[Convention, Option(help="Table of constants: Denavit-Hartenberg or modified.")]
+Date = Annotated[str | None, Option(help="Day, 2026-11-03; also with the time, 2026-11-03T08:30; now by default.")]
+FreeOption = Annotated[
+    str,  # of which the parser makes the parts
+    Option("--free", parser=free_parts, metavar="PARTS", help="What is unknown of the placement: base,tip or none."),
+]
+LimitsOption = Annotated[Limits, Option(help="Readings beyond a joint limit: skip them, or use them.")]
+ModelOption = Annotated[ModelName | None, Option("--model", help="Kind of model.")]
+Seed = Annotated[int, Option(min=0, help="Seed of all random numbers.")]
+Still = Annotated[float, Option(help="For how long the arm stands still at a reading [s].")]
+SerialNumber = Annotated[str, Option(help="Serial number of the arm.")]
+TipName = Annotated[str | None, Option("--tip", help="Name of the tip, of a model with several.")]
+# How it runs, and what is printed.
+Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
+Quick = Annotated[bool, Option("--quick", help="A smaller task, in minutes.")]
 WorkersOption = Annotated[
     int | None, Option("--workers", min=1, help="Processes of this machine; without it, one task at a time.")
 ]
 SchedulerOption = Annotated[
     str | None, Option("--scheduler", metavar="ADDRESS", help="Dask cluster: address of its scheduler.")
 ]
-
-# Of the commands that fill in points to measure.
-
+# Parameters of verbs that are options wherever a verb has them.
+BY_NAME: dict[str, Any] = {
+    "accept": AcceptOption,
+    "arm": ArmOption,
+    "artefacts": ArtefactsFile,
+    "conditions": ConditionsOption,
+    "convention": ConventionOption,
+    "free": FreeOption,
+    "lengths": LengthsFile,
+    "limits": LimitsOption,
+    "prior": PriorFile,
+    "seed": Seed,
+    "session": ReadSession,
+    "specification": MpeFile,
+    "tip": TipName,
+}
 PLURALS = {"applies": "apply", "does": "do", "it": "them"}
 
 
@@ -95,33 +164,3 @@ def executor_of(context: typer.Context, session: Path, workers: int | None, sche
     rule = "applies to large sessions only: folders of session files, and files beyond 512 MB"
     refuse_typed(context, ("workers", "scheduler"), rule)
     return None
-
-
-def free_parts(text: str) -> tuple[str, ...]:
-    """The free parts that --free names.
-
-    Raises
-    ------
-    InputError
-        If one of them is neither base nor tip.
-    """
-    parts = () if text.strip() == "none" else tuple(part.strip() for part in text.split(","))
-    if not set(parts) <= {"base", "tip"}:
-        raise InputError(f"--free expects base, tip, base,tip or none, got {text!r}", hint="--free base,tip")
-    return parts
-
-
-def numbers_of(text: str, option: str, example: str) -> list[float]:
-    """The numbers of an option, separated by commas.
-
-    Raises
-    ------
-    InputError
-        If one of them is no number.
-    """
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(
-            f"{option} expects numbers separated by commas, got {text!r}", hint=f"{option} {example}"
-        ) from None

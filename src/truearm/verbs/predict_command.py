@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
 
-from truearm.errors import InputError
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import (
-    AcceptOption,
-    ConditionsOption,
-    Json,
-    ModelFile,
-    SchedulerOption,
-    WorkersOption,
-    executor_of,
-)
+from truearm.verbs.signature import of_verb
 
 
+@of_verb("truearm.verbs.predict:predict")
 def predict(
+    verb: Any,
     context: typer.Context,
-    model: ModelFile,
+    model: options.ModelFile,
     session: Annotated[
         Path,
         Argument(
@@ -32,13 +26,11 @@ def predict(
             "if there, are used.",
         ),
     ],
-    out: Annotated[Path | None, Option(help="Table of points to write, .csv or .parquet.")] = None,
-    into: Annotated[str | None, Option(hidden=True)] = None,
-    conditions: ConditionsOption = "reproducibility",
-    accept: AcceptOption = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    as_json: Json = False,
+    out: Annotated[Path, Option(help="Table of points to write, .csv or .parquet.")],
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Compensate: turn joint angles into corrected coordinates.
 
@@ -50,15 +42,7 @@ def predict(
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out (docs/large-sessions.md).
     """
-    from truearm.verbs.predict import predict as predict_points
-
-    if into is not None:
-        raise InputError("--into is a command now", hint="truearm verify fill MODEL SESSION --into points.csv")
-    if out is None:
-        raise InputError("expected --out", hint="--out points.csv")
-    executor = executor_of(context, session, workers, scheduler)
+    executor = options.executor_of(context, session, workers, scheduler)
     with progress(f"predicting {session.name}") as update:
-        prediction = predict_points(
-            model, session, out, conditions=conditions, accept=accept, executor=executor, progress=update
-        )
+        prediction = verb(model, session, out, **given, executor=executor, progress=update)
     print_record(prediction, as_json=as_json, files={"points": out})

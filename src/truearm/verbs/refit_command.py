@@ -2,39 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import (
-    AcceptOption,
-    Json,
-    LengthsFile,
-    LimitsOption,
-    ModelFile,
-    ModelForce,
-    ModelOut,
-    free_parts,
-)
 from truearm.verbs.outputs import check_model_output
+from truearm.verbs.signature import of_verb
 
 
+@of_verb("truearm.verbs.refit:refit")
 def refit(
-    model: ModelFile,
-    session: Annotated[
-        Path, Argument(metavar="SESSION", help="Session file of the new set-up, with reference points or seats.")
-    ],
-    out: ModelOut,
-    free: Annotated[str, Option(help="What is new: base, tip or base,tip.")] = "base,tip",
-    rows: Annotated[int | None, Option(min=1, help="Number of readings to use; all by default.")] = None,
-    lengths: LengthsFile = None,
-    limits: LimitsOption = "skip",
-    accept: AcceptOption = None,
-    seed: Annotated[int, Option(min=0, help="Seed of the choice of readings.")] = 0,
-    force: ModelForce = False,
-    as_json: Json = False,
+    verb: Any,
+    model: options.ModelFile,
+    session: options.SessionFile,
+    out: options.ModelOut,
+    n_readings: Annotated[int | None, Option("--rows", min=1, help="Number of readings to use; all.")] = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Transfer a model to a new set-up of its arm.
 
@@ -45,22 +32,9 @@ def refit(
     evaluate skips them in the same session and tests on the others. --free tip: only the probe is new, as with a
     session that has seats and no reference points.
     """
-    from truearm.verbs.refit import refit as refit_model
-
-    parts = free_parts(free)
-    check_model_output(out, None, model, session, lengths, force=force)
+    check_model_output(out, None, model, session, given["lengths"], force=force)
     with progress(f"refitting {model.name}") as report:
-        result = refit_model(
-            model,
-            session,
-            free=parts,
-            n_readings=rows,
-            seed=seed,
-            lengths=lengths,
-            limits=limits,
-            accept=accept,
-            progress=report,
-        )
+        result = verb(model, session, n_readings=n_readings, **given, progress=report)
         check_model_output(out, result.model.arm_, force=force)
         result.save(out)
     print_record(result, as_json=as_json, files={"model": out})

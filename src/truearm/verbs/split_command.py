@@ -8,19 +8,19 @@ from typing import Annotated, cast
 from typer import Option
 
 from truearm.errors import InputError
+from truearm.verbs import options
 from truearm.verbs.console import print_line, progress
-from truearm.verbs.options import Force, SessionFile
 from truearm.verbs.outputs import check_new_output
 
 
 def split(
-    session: SessionFile,
+    session: options.SessionFile,
     train: Annotated[Path, Option(help="Session file to write the training readings to.")],
     test: Annotated[Path, Option(help="Session file to write the held-out readings to.")],
     by: Annotated[str, Option(help="What stays together: position, seat, session or row.")] = "position",
     share: Annotated[float, Option("--hold-out", help="Share of the groups to hold out.")] = 0.3,
-    seed: Annotated[int, Option(min=0, help="The same seed gives the same split.")] = 0,
-    force: Force = False,
+    seed: options.Seed = 0,
+    force: options.Force = False,
 ) -> None:
     """Split a session into training and test readings.
 

@@ -124,9 +124,9 @@ def test_an_identified_arm_is_drawn_from_its_first_joint():
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["arms", "--page"], "--page needs the name of an arm"),
-        (["arms", "ur5", "--page", "--out", "arm.toml"], "ends in .html"),
-        (["arms", "nix", "--page"], "no arm 'nix'"),
+        (["arms", "--page", "arm.html"], "--page needs the name of an arm"),
+        (["arms", "ur5", "--page", "arm.toml"], "ends in .html"),
+        (["arms", "nix", "--page", "arm.html"], "no arm 'nix'"),
     ],
 )
 def test_pages_that_cannot_be_written_are_refused(words, problem, tmp_path, monkeypatch):
@@ -136,9 +136,9 @@ def test_pages_that_cannot_be_written_are_refused(words, problem, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_page_is_named_after_the_arm(tmp_path, monkeypatch):
+def test_a_page_shows_the_arm(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    ran = CliRunner().invoke(make_app(), ["arms", "ur5", "--page"])
+    ran = CliRunner().invoke(make_app(), ["arms", "ur5", "--page", "ur5.html"])
     assert ran.exit_code == 0, ran.output
     assert "page written to ur5.html" in ran.output
     assert "Move it" in (tmp_path / "ur5.html").read_text(encoding="utf-8")

@@ -42,7 +42,7 @@ def test_ctrl_c_ends_it_the_page_says_so_and_the_file_is_whole(tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--source", "virtual:ur10"], "the page needs the arm. Try: --arm ARM, or --model MODEL"),
+        (["--source", "virtual:ur10"], "the page needs the arm. Try: --arm ARM, or --model-file MODEL"),
         (["--source", "virtual:ur10", "--arm", "ur10", "--host", "0.0.0.0"], "give a --token, too"),
         (["--source", "teapot:1", "--arm", "ur10"], "expected a source, got 'teapot:1'"),
         (["--arm", "ur10"], "expected --source and --out. Try: truearm live --demo"),

@@ -162,7 +162,7 @@ def test_the_command_checks_and_withdraws(fleet, files, tmp_path, capsys):
     asked = ["fleet", "check", str(fleet.folder), ARM]
     page = tmp_path / "page.html"
     for more, code, said in (
-        ([str(files / "seats.csv"), "--date", "2026-01-02", "--report", str(page)], 3, "Not enough checks yet: 1 with"),
+        ([str(files / "seats.csv"), "--date", "2026-01-02", "--page", str(page)], 3, "Not enough checks yet: 1 with"),
         (["--withdraw", "1", "--reason", "loose"], 0, "Check 1 of 2026-01-02 is withdrawn: loose"),
         ([], 2, "the session is missing. Try: truearm fleet check FOLDER SERIAL SESSION"),
         (["--withdraw", "1"], 2, "--withdraw needs --reason as well"),

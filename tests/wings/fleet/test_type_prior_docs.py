@@ -59,6 +59,6 @@ def test_a_prior_without_gain_is_not_written(tmp_path, monkeypatch, capsys):
             run(["fleet", *line.split()])
     capsys.readouterr()
     with pytest.raises(SystemExit, match="1"):
-        run(["fleet", "prior", "f", "--into", "p.toml"])
+        run(["fleet", "prior", "f", "--out", "p.toml"])
     assert capsys.readouterr().out.startswith("No gain: what 3 arms of type ur10 have in common does not help")
     assert not (tmp_path / "p.toml").exists()

@@ -153,9 +153,12 @@ def test_an_interrupted_reproduction_resumes(truearm, small, tmp_path, monkeypat
         (["--table", 2, "--all"], "expected one of --table, --figure and --all"),
         (["--table", 2, "--figure", 1], "expected one of --table, --figure and --all"),
         (["--table", "two"], "--table"),
-        (["--table", 4, "--hidden", "3", "--test", "a.csv"], "--test and --hidden apply to --readings only"),
-        (["--readings", "a.csv", "--table", 4], "--table does not go with --readings"),
-        (["--readings", "a.csv", "--hidden", "3x"], "--hidden expects numbers of units"),
+        (
+            ["--table", 4, "--hidden", "3", "--test-session", "a.csv"],
+            "--test-session and --hidden apply to --session only",
+        ),
+        (["--session", "a.csv", "--table", 4], "--table does not go with --session"),
+        (["--session", "a.csv", "--hidden", "3x"], "--hidden expects numbers of units"),
         (["--table", 4, "--time-limit", 0], "expected a time limit above 0 s, got 0.0"),
         (["--table", 4, "--time-limit", "nan"], "expected a time limit above 0 s, got nan"),
     ],
@@ -202,7 +205,7 @@ def own(tmp_path):
     session = simulate("gao2017", poses=60, seed=4).session
     for name, rows in {"mine.csv": slice(0, 40), "fresh.csv": slice(40, 60)}.items():
         write_session(session.rows(rows), tmp_path / name)
-    files = ["--readings", tmp_path / "mine.csv", "--test", tmp_path / "fresh.csv", "--out", tmp_path / "own"]
+    files = ["--session", tmp_path / "mine.csv", "--test-session", tmp_path / "fresh.csv", "--out", tmp_path / "own"]
     return [
         "reproduce",
         "gao2017",

@@ -9,13 +9,12 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
+from truearm.command_line import make_app
 from truearm.errors import InputError
 from truearm.readings import read_lengths, read_session
 from truearm.wings.importing import datasets
-from truearm.wings.importing.fetch_command import fetch as fetch_command
 
 UR5_FILE = "tsinghua_ur5_wam/UR5/3D_UR5_uncalibrated_grid_cleaned.csv"
 HEADER = "step_order,x_t,y_t,z_t,x_dif,y_dif,z_dif,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n"
@@ -213,10 +212,8 @@ def test_lengths_are_those_of_the_tool_positions_asked_for():
 
 def test_the_command_writes_lengths_beside_the_session(tmp_path, monkeypatch):
     at_hand("mukca-panda_1")
-    app = typer.Typer()
-    app.command()(fetch_command)
     out = tmp_path / "p.csv"
-    result = CliRunner().invoke(app, ["mukca-panda_1", "--out", str(out)])
+    result = CliRunner().invoke(make_app("fetch"), ["fetch", "mukca-panda_1", "--out", str(out)])
     assert result.exit_code == 0
     assert "3 lengths between its seats" in result.output
     assert f"lengths written to {tmp_path / 'p-lengths.csv'}" in result.output
@@ -224,21 +221,19 @@ def test_the_command_writes_lengths_beside_the_session(tmp_path, monkeypatch):
     assert len(read_lengths(tmp_path / "p-lengths.csv", seats=seats.tolist())) == 3
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mukca-panda_1-lengths.csv").write_text("mine")
-    refused = CliRunner().invoke(app, ["mukca-panda_1"])
+    refused = CliRunner().invoke(make_app("fetch"), ["fetch", "mukca-panda_1"])
     assert "the file exists already" in str(refused.exception)
     assert not (tmp_path / "mukca-panda_1.csv").exists()
 
 
 def test_the_command_lists_the_sets_and_writes_one(published, nowhere, monkeypatch):
-    app = typer.Typer()
-    app.command()(fetch_command)
-    listed = CliRunner().invoke(app, ["--list"]).output
+    listed = CliRunner().invoke(make_app("fetch"), ["fetch"]).output
     assert all(name in listed for name in datasets.DATASETS)
     monkeypatch.chdir(nowhere)
-    result = CliRunner().invoke(app, ["ur5"])
+    result = CliRunner().invoke(make_app("fetch"), ["fetch", "ur5"])
     assert "1 reading of 6 joints, nominal arm ur5" in result.output
     assert "Cite: Jacobi" in result.output
     assert len(read_session(nowhere / "ur5.csv", n_joints=6)) == 1
-    wrong = CliRunner().invoke(app, ["ur6", "--out", str(nowhere / "x.csv")])
+    wrong = CliRunner().invoke(make_app("fetch"), ["fetch", "ur6", "--out", str(nowhere / "x.csv")])
     assert isinstance(wrong.exception, InputError)
     assert not (nowhere / "x.csv").exists()

@@ -52,7 +52,7 @@ def test_logs_are_joined_by_time(imported, written):
     joints = {"time_s": t, "J1_deg": 100 * place, "J2_deg": 50 - 60 * place}
     tip = {"time_s": t - 5, "X_mm": 300 * place, "Y_mm": 100 - 200 * place, "Z_mm": 0 * t + 5}
     tables = (written("joints.csv", joints), "--with", written("points.csv", tip))
-    options = ("--by", "time", "--time-offset", "5", "--standstill-seconds", "1", "--standstill-mm", "0.1")
+    options = ("--by", "time", "--time-offset", "5", "--still", "1", "--standstill-mm", "0.1")
     session = imported(*tables, *options)
     assert 10 <= len(session) <= 15
     np.testing.assert_allclose(session.points[:, 0], 3 * np.degrees(session.angles[:, 0]), atol=1e-6)
@@ -64,13 +64,13 @@ RANDOM = np.random.default_rng(3).permutation(np.linspace(-1, 1, 15))
 def test_other_columns_are_named(imported, written):
     more = {"ua": [0.01] * 3, "ub": [0.02] * 3, "uc": [0.03] * 3, "nest": ["A", "B", "A"], "ball": ["p", "q", "p"]}
     table = written("table.csv", JOINTS | TIP | more | {"mass": [1.0, 2.0, 3.0]})
-    named = ("--point-std", "ua,ub,uc", "--seat", "nest", "--column", "payload_kg=mass", "--serial-number", "7")
+    named = ("--point-std", "ua,ub,uc", "--column", "seat=nest", "--column", "payload_kg=mass", "--serial-number", "7")
     session = imported(table, *named)
     np.testing.assert_allclose(session.point_std[0], [0.01, 0.02, 0.03])
     assert session.seat.tolist() == ["A", "B", "A"]
     assert session.columns["payload_kg"].tolist() == [1, 2, 3]
     assert set(session.serial_number) == {"7"}
-    assert imported(table, "--tip", "ball").tip.tolist() == ["p", "q", "p"]
+    assert imported(table, "--column", "tip=ball").tip.tolist() == ["p", "q", "p"]
     assert (imported(table, "--u-mm", "0.05").point_std == 0.05).all()
 
 
@@ -90,7 +90,7 @@ def test_the_order_of_euler_angles_is_stated(imported, written):
 def test_a_part_of_an_archive_is_named(imported, tmp_path):
     whole = np.hstack([ANGLES, POINTS])
     np.savez(tmp_path / "both.npz", first=whole, second=whole[:2])
-    options = ("--angles", "1-3", "--angle-unit", "deg", "--points", "4-6", "--point-unit", "mm")
+    options = ("--angles", "1-3", "--angle-unit", "deg", "--point", "4-6", "--point-unit", "mm")
     assert len(imported(tmp_path / "both.npz", "--part", "second", *options)) == 2
 
 
@@ -98,7 +98,7 @@ def test_each_of_two_tables_has_a_part_of_its_own(truearm, imported, tmp_path):
     robot, tracker = tmp_path / "robot.npz", tmp_path / "tracker.npz"
     np.savez(robot, q=ANGLES, z=np.zeros((2, 2)), t=np.zeros((2, 3)))
     np.savez(tracker, q=POINTS, p=-POINTS)
-    options = ("--angles", "1-3", "--angle-unit", "deg", "--points", "q[0],q[1],q[2]")
+    options = ("--angles", "1-3", "--angle-unit", "deg", "--point", "q[0],q[1],q[2]")
     one = imported(robot, "--part", "q", "--with", tracker, *options)
     np.testing.assert_allclose(one.points, POINTS)
     other = (*options[:-1], "p[0],p[1],p[2]")

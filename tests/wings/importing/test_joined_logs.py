@@ -269,7 +269,7 @@ def test_logs_of_two_runs_are_refused():
 
 
 def test_a_robot_that_never_rests_is_refused_with_its_longest_rest():
-    with pytest.raises(InputError, match=r"no standstill of 0.5 s: .* for 0\.\d+ s at most.*--standstill-seconds"):
+    with pytest.raises(InputError, match=r"no standstill of 0.5 s: .* for 0\.\d+ s at most.*--still"):
         join_tables(*Motion(rest=(0.2, 0.3)).logs(), "time")
 
 

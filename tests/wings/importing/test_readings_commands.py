@@ -2,26 +2,22 @@
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
+from truearm.command_line import make_app
 from truearm.errors import InputError
 from truearm.readings import read_session
-from truearm.verbs.split_command import split
-from truearm.wings.importing.import_command import import_table
 
 TABLE = "name;a1;a2;px;py;pz;T\nA;0;1024;1,5;2;3;20\nA;1000;512;1,5;2,5;3;20\nB;2000;0;1;2;3;21\n"
 COUNTS = [
     *("--separator", ";", "--decimal", ",", "--angles", "a1,a2", "--angle-unit", "counts"),
     *("--counts-per-turn", "4000,1024", "--sign", "+,-", "--zero", "0,1024"),
-    *("--points", "px,py,pz", "--point-unit", "m", "--temperature", "T", "--position", "name"),
+    *("--point", "px,py,pz", "--point-unit", "m", "--column", "temperature_degC=T", "--column", "position=name"),
 ]
 
 
-def run(function, *arguments):
-    app = typer.Typer()
-    app.command()(function)
-    result = CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=True)
+def run(command, *arguments):
+    result = CliRunner().invoke(make_app(command), [command, *map(str, arguments)], catch_exceptions=True)
     if isinstance(result.exception, InputError):
         raise result.exception
     assert result.exit_code == 0, result.output
@@ -37,7 +33,7 @@ def table(tmp_path):
 
 def test_import_writes_a_session_file_and_shows_the_ranges(table):
     out = table.with_name("s.csv")
-    said = run(import_table, table, "--out", out, *COUNTS, "--session-name", "May")
+    said = run("import", table, "--out", out, *COUNTS, "--session-name", "May")
     readings = read_session(out, n_joints=2)
     np.testing.assert_allclose(np.degrees(readings.angles), [[0, 0], [90, 180], [180, 360]], atol=1e-12)
     np.testing.assert_array_equal(readings.points[0], [1500, 2000, 3000])
@@ -55,7 +51,7 @@ def test_radians_and_sliding_joints_keep_their_units(tmp_path):
     path = tmp_path / "t.tsv"
     path.write_text("0.1\t5\n0.2\t6\n")
     options = ["--angles", "1,2", "--angle-unit", "rad,mm", "--separator", "TAB", "--no-header"]
-    run(import_table, path, "--out", tmp_path / "s.csv", *options)
+    run("import", path, "--out", tmp_path / "s.csv", *options)
     assert (tmp_path / "s.csv").read_text() == "q1_rad,q2_mm\n0.1,5.0\n0.2,6.0\n"
 
 
@@ -70,7 +66,7 @@ def test_radians_and_sliding_joints_keep_their_units(tmp_path):
 )
 def test_a_failed_import_writes_nothing(table, option, value, said):
     with pytest.raises(InputError) as caught:
-        run(import_table, table, "--out", table.with_name("s.csv"), *COUNTS, option, value)
+        run("import", table, "--out", table.with_name("s.csv"), *COUNTS, option, value)
     assert said in str(caught.value)
     assert [p.name for p in table.parent.iterdir()] == ["table.csv"]
 
@@ -78,7 +74,7 @@ def test_a_failed_import_writes_nothing(table, option, value, said):
 def test_split_writes_two_files_in_the_units_of_the_first(tmp_path):
     session, train, test = (tmp_path / f"{name}.csv" for name in ("s", "train", "test"))
     session.write_text("q1_rad,position\n" + "".join(f"0.{i},P{i % 4}\n" for i in range(8)))
-    said = run(split, session, "--train", train, "--test", test, "--hold-out", 0.25, "--seed", 3)
+    said = run("split", session, "--train", train, "--test", test, "--hold-out", 0.25, "--seed", 3)
     assert "2 of 8 readings" in said
     assert "6 of 8 readings" in said
     rows = sorted(train.read_text().splitlines()[1:] + test.read_text().splitlines()[1:])
@@ -90,7 +86,7 @@ def test_split_refuses_one_file_for_both_parts_and_a_missing_column(tmp_path):
     session.write_text("q1_rad\n1\n2\n")
     same = tmp_path / "x.csv"
     with pytest.raises(InputError, match="the same file"):
-        run(split, session, "--train", same, "--test", same)
+        run("split", session, "--train", same, "--test", same)
     with pytest.raises(InputError, match="no column 'position'"):
-        run(split, session, "--train", same, "--test", tmp_path / "y.csv")
+        run("split", session, "--train", same, "--test", tmp_path / "y.csv")
     assert [p.name for p in tmp_path.iterdir()] == ["s.csv"]

@@ -110,7 +110,7 @@ def test_a_stated_name_wins_over_a_recognised_column():
 def test_two_sets_of_points_are_settled_by_the_option_that_is_named():
     both = POINTS | {f"P{axis}": values for axis, values in zip("xyz", POINTS.values(), strict=True)}
     for tables in ((JOINTS | both,), (JOINTS, both), (JOINTS | both, both)):
-        with pytest.raises(InputError, match=r"--points 'X \[mm\],Y \[mm\],Z \[mm\]'"):
+        with pytest.raises(InputError, match=r"--point 'X \[mm\],Y \[mm\],Z \[mm\]'"):
             read(*tables)
         found = read(*tables, columns=TableColumns(points=("Px", "Py", "Pz")))
         np.testing.assert_array_equal(found.session.points, np.stack([*POINTS.values()], axis=1))

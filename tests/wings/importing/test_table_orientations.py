@@ -136,7 +136,7 @@ def test_the_command_takes_them(truearm_import, tmp_path):
     text = "J1,J2,x,y,z,rx,ry,rz\n" + "".join(f"{0.1 * i},0.2,1,2,3,0,0,{0.5 * i}\n" for i in range(3))
     (tmp_path / "ur.csv").write_text(text)
     ran = truearm_import(
-        tmp_path / "ur.csv", "--angles", "J1,J2", "--angle-unit", "rad", "--points", "x,y,z", "--point-unit", "m",
+        tmp_path / "ur.csv", "--angles", "J1,J2", "--angle-unit", "rad", "--point", "x,y,z", "--point-unit", "m",
         "--orientation", "rx,ry,rz", "--orientation-unit", "rad", "--out", tmp_path / "s.csv",
     )  # fmt: skip
     assert "turned" in ran

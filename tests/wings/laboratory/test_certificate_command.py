@@ -21,8 +21,8 @@ from truearm.wings.laboratory.standards.verification_plan import plan_text
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-OPTIONS = ["--plan", "my-plan.toml", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
-ALL = ["certificate", *OPTIONS, "--about", "about.toml", "--out", "certificate.xml", "--html", "certificate.html"]
+OPTIONS = "--test-plan my-plan.toml --measured points.csv --artefacts artefacts.toml --mpe mpe.toml".split()  # noqa: SIM905
+ALL = ["certificate", *OPTIONS, "--about", "about.toml", "--out", "certificate.xml", "--page", "certificate.html"]
 ARM_SOFTWARE = "Coordinates: from the software of the arm, without a model of truearm."
 PAGE = Path(__file__).parents[3] / "docs" / "certificate.md"
 
@@ -141,7 +141,7 @@ def test_every_form_of_the_certificate_says_with_which_model_the_results_hold(tr
     html = Path("certificate.html").read_text()
     assert html.count(said) == 1
     assert limits in html
-    verify = ("verify", *OPTIONS, "--report", "verification.html")
+    verify = ("verify", *OPTIONS, "--page", "verification.html")
     assert said in truearm(*verify).out.splitlines()
     assert said in Path("verification.html").read_text()
     assert said in truearm("certificate", "--read", "certificate.xml").out.splitlines()
@@ -250,7 +250,7 @@ def test_a_certificate_for_paper_has_the_one_for_machines_inside(truearm, bench,
     pikepdf = pytest.importorskip("pikepdf", reason="pip install pikepdf reads PDF files")
     pytest.importorskip("typst", reason="pip install truearm[pdf] writes PDF files")
     Path("my-plan.toml").write_text(plan_text("iso10360-12"))
-    ran = truearm(*ALL, "--unconfirmed", "--pdf", "certificate.pdf", "--sign", "key.pem", "--signer", "signer.pem")
+    ran = truearm(*ALL, "--unconfirmed", "--pdf", "certificate.pdf", "--key", "key.pem", "--signer", "signer.pem")
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.endswith("PDF written to certificate.pdf\n")
     with pikepdf.open("certificate.pdf") as pdf:
@@ -294,7 +294,7 @@ def key(bench):
 
 
 def test_a_signed_certificate_is_verified_when_it_is_read(truearm, bench, key):
-    ran = truearm(*ALL, "--sign", "key.pem", "--signer", "signer.pem")
+    ran = truearm(*ALL, "--key", "key.pem", "--signer", "signer.pem")
     assert (ran.code, ran.err) == (0, "")
     assert read_dcc("certificate.xml").conformity == "pass"
     assert "signed by" in Path("certificate.html").read_text()
@@ -320,7 +320,7 @@ def test_a_signed_certificate_is_verified_when_it_is_read(truearm, bench, key):
 
 def test_a_signature_that_is_not_verifiable_here_is_neither_good_nor_broken(truearm, bench, key):
     """Without its certificate it can be of anybody; by another than the trusted one it is not known here."""
-    assert truearm(*ALL, "--sign", "key.pem", "--signer", "signer.pem").code == 0
+    assert truearm(*ALL, "--key", "key.pem", "--signer", "signer.pem").code == 0
     text = Path("certificate.xml").read_text()
     Path("bare.xml").write_text(re.sub("<ds:KeyInfo>.*</ds:KeyInfo>", "", text, flags=re.S))
     read = truearm("certificate", "--read", "bare.xml")
@@ -383,7 +383,7 @@ def test_the_certificate_of_the_signer_was_valid_on_the_day_of_issue(truearm, be
     Path("artefacts.toml").write_text(ARTEFACTS.replace("date = 2026-01-15", "date = 2025-01-15"))
     Path("my-plan.toml").write_text(CONFIRMED_PLAN.replace("date = 2026-11-02", "date = 2025-11-02"))
     there = snapshot(bench)
-    ran = truearm(*ALL, "--sign", "key.pem", "--signer", "signer.pem")
+    ran = truearm(*ALL, "--key", "key.pem", "--signer", "signer.pem")
     assert (ran.code, ran.out) == (2, "")
     assert "issued on 2025-11-05; its signer's certificate is valid from 2026-01-01 to 2028-01-01" in ran.err
     assert snapshot(bench) == there
@@ -395,7 +395,7 @@ def test_a_certificate_that_is_not_for_signatures_signs_nothing(truearm, bench, 
     wrong = curve_key()
     write(bench, "wrong", wrong, certified(wrong, extensions=(usage(key_agreement=True),)))
     there = snapshot(bench)
-    ran = truearm(*ALL, "--sign", "wrong.key", "--signer", "wrong.pem")
+    ran = truearm(*ALL, "--key", "wrong.key", "--signer", "wrong.pem")
     assert (ran.code, "is not for signatures" in ran.err, "key usage digitalSignature" in ran.err) == (2, True, True)
     assert snapshot(bench) == there
 
@@ -541,17 +541,17 @@ def test_faults_of_several_files_are_said_in_one_run(truearm, bench, snapshot):
     ("changes", "told"),
     [
         ({"--about": None}, "--about is missing. Try: truearm certificate --template > about.toml"),
-        ({"--points": None}, "--points is missing"),
+        ({"--measured": None}, "--measured is missing"),
         ({"--out": None}, "--out is missing"),
         ({"--out": "certificate.txt"}, "ends in .xml"),
         ({"--out": "away/certificate.xml"}, "the folder away does not exist"),
-        ({"--html": "points.csv"}, "ends in .html"),
+        ({"--page": "points.csv"}, "ends in .html"),
         ({"--pdf": "points.csv"}, "ends in .pdf"),
         ({"--logo": "logo.png"}, "--logo applies to --pdf only"),
-        ({"--sign": "key.pem"}, "--sign applies to --signer only"),
+        ({"--key": "key.pem"}, "--key applies to --signer only"),
         ({"--read": "certificate.xml"}, "has no effect with --read"),
         ({"--trusted": "signer.pem"}, "--trusted applies to --read only"),
-        ({"--html": "away/page.html"}, "the folder away does not exist"),
+        ({"--page": "away/page.html"}, "the folder away does not exist"),
         ({"--about": "nothing.toml"}, "the file does not exist"),
     ],
 )

@@ -71,7 +71,7 @@ def course(bench, truearm):
         patch.chdir(bench)
         for day in range(1, len(CREEP) + 1):
             if day in TYPED:
-                runs[day] = truearm(*arguments(day, *(("--report", "arm.html") if day == len(CREEP) else ())))
+                runs[day] = truearm(*arguments(day, *(("--page", "arm.html") if day == len(CREEP) else ())))
                 continue
             readings = read_session(f"day{day:02}.csv")
             unexplained = model.covariance_parts(readings)[1]
@@ -159,7 +159,7 @@ def test_a_new_model_starts_a_new_baseline_and_names_the_checks_that_are_not_com
     poses = virtual().measure(session(1).angles, seed=3).readings
     KinematicModel(virtual().nominal, free=()).fit_readings(poses).save("new.truearm")
     asked = ("check", "new.truearm", *arguments(26)[2:])
-    ran = truearm(*asked, "--report", "new.html")
+    ran = truearm(*asked, "--page", "new.html")
     said = re.search(
         r"\na new model: 26 checks of arm.truearm in this history, not compared; result of the last one, "
         r'2026-01-26: "Recalibrate: a value has changed since check (\d+) of 2026-01-\d\d\."\n',
@@ -196,7 +196,7 @@ def test_artefacts_retired_before_a_new_model_stay_retired(truearm, folder):
         ran = truearm(*asked)
     assert '2026-01-27: "Recalibrate: a value has changed since check' in ran.out
     gone = ("--retired", "cone", "--retired", "bar A", "--retired", "ball", "--mpe", "mpe.toml")
-    ran = truearm(*asked, *gone, "--report", "page.html")
+    ran = truearm(*asked, *gone, "--page", "page.html")
     assert '2026-01-27: "No need to recalibrate' in ran.out
     assert re.search("2026-01-27: .{1,6}No need to recalibrate", Path("page.html").read_text())
     assert json.loads(truearm(*asked, *gone, "--json").out)["other_models"][0]["recalibrate"] == "no"
@@ -243,7 +243,7 @@ def test_one_check_beyond_the_limits_is_undecided(truearm, folder):
         ran = truearm("check", "arm.truearm", f"day{day}.csv", "--history", "arm.sqlite", "--date", f"2026-01-{day}")
         assert (ran.code, ran.out.splitlines()[0]) == (code, end)
         assert ("in check 11 only" in ran.out) == (day == 11)
-    page = ["--report", "page.html", "--json"]
+    page = ["--page", "page.html", "--json"]
     found = json.loads(truearm(*arguments(12)[:3], "--history", "arm.sqlite", *page).out)
     assert (found["recalibrate"], found["since"]["check"]) == ("yes", 11)
 
@@ -371,7 +371,7 @@ def test_an_interrupted_check_is_not_added(truearm, folder, snapshot, monkeypatc
     insert = history._insert
     monkeypatch.setattr(history, "_insert", interrupted)
     write_session(session(27), "day27.csv")
-    ran = truearm(*arguments(27, "--report", "page.html"))
+    ran = truearm(*arguments(27, "--page", "page.html"))
     assert (ran.code, ran.out, ran.err) == (130, "", "truearm: interrupted\n")
     Path("day27.csv").unlink()
     assert snapshot(folder) == before
@@ -380,13 +380,13 @@ def test_an_interrupted_check_is_not_added(truearm, folder, snapshot, monkeypatc
 def test_a_wrong_check_is_withdrawn_and_stays_on_the_page(truearm, folder):
     """Check 26 called for recalibration; without it check 25 is the last, and check 27 has the number 27."""
     asked = ("check", "arm.truearm", "--history", "arm.sqlite", "--withdraw")
-    ran = truearm(*asked, "26", "--reason", "the bar was <loose>", "--report", "withdrawn.html")
+    ran = truearm(*asked, "26", "--reason", "the bar was <loose>", "--page", "withdrawn.html")
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.splitlines()[0] == "Check 26 of 2026-01-26 is withdrawn: the bar was <loose>"
     assert "\nWithout it: " in ran.out
     assert Path("withdrawn.html").read_text().count('<tr class="withdrawn">') == 1
     write_session(session(27), "day27.csv")
-    found = json.loads(truearm(*arguments(27, "--report", "page.html", "--json")).out)
+    found = json.loads(truearm(*arguments(27, "--page", "page.html", "--json")).out)
     assert (found["n_checks"], found["values"][0]["check"]) == (26, 27)
     assert [(one["check"], one["reason"]) for one in found["withdrawn"]] == [(26, "the bar was <loose>")]
     assert found["history"]["rows"] == 28
@@ -430,7 +430,7 @@ def misnamed(folder):
 REFUSED = {
     "the file of another program": (lambda folder: Path("arm.sqlite").write_bytes(b"x" * 5000), (), "arm.sqlite"),
     "a session as history": (None, ("--history", "day25.csv"), "day25.csv: expected a history"),
-    "the page on the history": (None, ("--report", "arm.sqlite"), "arm.sqlite"),
+    "the page on the history": (None, ("--page", "arm.sqlite"), "arm.sqlite"),
     "a day before the last": (
         lambda folder: write_session(session(27), "day26.csv"),
         ("--date", "2026-01-25"),
@@ -482,7 +482,7 @@ def test_the_documentation_shows_what_is_printed(course):
 
     for command, _, printed in shown:
         day = int(re.search(r"day(\d\d)", command)[1])
-        report = ["--report", "arm.html"] if day == len(CREEP) else []
+        report = ["--page", "arm.html"] if day == len(CREEP) else []
         assert command == "$ truearm " + " ".join(arguments(day, *report))
         beginning, _, gap = printed.partition("...\n")
         words, said = without_numbers(beginning), without_numbers(course[day].out)

@@ -9,18 +9,18 @@ from made_up_verification import ARTEFACTS, MPE, Made
 
 from browser import check_page
 
-VERIFIED = ("--plan", "plan.toml", "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml")
+VERIFIED = "--test-plan plan.toml --measured points.csv --artefacts artefacts.toml --mpe mpe.toml".split()  # noqa: SIM905
 COMMANDS = {
-    "arm": ["arms", "measuring7", "--page", "--out", "arm.html"],
-    "plan": ["plan", "measuring7", "--artefact", "bar", "--length", 500, "--poses", 12, "--out", "p.csv",
+    "arm": ["arms", "measuring7", "--page", "arm.html"],
+    "plan": ["plan", "measuring7", "--artefact", "bar", "--bar", 500, "--poses", 12, "--out", "p.csv",
              "--page", "plan.html"],
-    "report": ["report", "nominal.truearm", "kinematic.truearm", "test.csv", "--out", "report.html"],
-    "sheet": ["verify", "sheet", "iso10360-12", "--out", "sheet.html", "--tip-diameter", 6, *VERIFIED[4:]],
-    "verification": ["verify", *VERIFIED, "--report", "verification.html"],
+    "report": ["report", "nominal.truearm", "kinematic.truearm", "test.csv", "--page", "report.html"],
+    "sheet": ["verify", "sheet", "iso10360-12", "--page", "sheet.html", "--tip-diameter", 6, *VERIFIED[4:]],
+    "verification": ["verify", *VERIFIED, "--page", "verification.html"],
     "certificate": ["certificate", *VERIFIED, "--about", "about.toml", "--out", "c.xml", "--html", "certificate.html"],
     "check": ["check", "arm.truearm", "day01.csv", "--lengths", "bar.csv", "--history", "h.sqlite",
-              "--report", "check.html"],
-    "task": ["task", "shop", "--feature", "sphere", "--diameter", 25, "--arms", 100, "--report", "task.html"],
+              "--page", "check.html"],
+    "task": ["task", "shop", "--feature", "sphere", "--diameter", 25, "--arms", 100, "--page", "task.html"],
 }  # fmt: skip
 WITH_VIEW = {"arm", "plan", "report", "verification", "check", "task"}
 

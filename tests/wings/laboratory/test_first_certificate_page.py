@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 PAGE = Path(__file__).parents[3] / "docs" / "first-certificate.md"
 # A check that has too few checks before it, and a verification by a plan that nobody has confirmed, say so.
 INCONCLUSIVE = 3
-WRITTEN = ("--out", "--page", "--report", "--pdf", "--history")
+WRITTEN = ("--out", "--page", "--pdf", "--history")
 
 
 def arrays(path):
@@ -52,7 +52,7 @@ def laboratory(truearm, tmp_path_factory):
                     with threadpool_limits(2):
                         assert truearm(*arguments).out == result.out
                     assert arrays("arm.truearm") == model
-                decides_nothing = arguments[0] == "check" or arguments[:2] == ["verify", "--plan"]
+                decides_nothing = arguments[0] == "check" or arguments[:2] == ["verify", "--test-plan"]
                 assert result.code == (INCONCLUSIVE if decides_nothing else 0), (arguments, result.err)
                 check_printed(shown, result.out.splitlines())
     return folder
@@ -89,8 +89,8 @@ def test_every_file_of_the_virtual_laboratory_is_there_before_it_is_read(virtual
             if re.fullmatch(r"[\w-]+\.[a-z]+", name):
                 is_written = (
                     option in WRITTEN
-                    or (step[0], option) == ("simulate", "--lengths")
-                    or (option == "--points" and "sheet" in step)
+                    or (step[0], option) == ("simulate", "--out-lengths")
+                    or (option == "--out" and "sheet" in step)
                 )
                 assert is_written or name in there, (step, name)
                 there |= {name, name.replace(".csv", "-lengths.csv")}  # which a plan and its readings have beside them

@@ -41,7 +41,8 @@ def bench(tmp_path, monkeypatch):
 
 
 def options(plan="plan.toml"):
-    return ["verify", "--plan", plan, "--points", "points.csv", "--artefacts", "artefacts.toml", "--mpe", "mpe.toml"]
+    files = "--measured points.csv --artefacts artefacts.toml --mpe mpe.toml".split()  # noqa: SIM905
+    return ["verify", "--test-plan", plan, *files]
 
 
 # Verdicts ------------------------------------------------------------------------------------------------------------
@@ -74,7 +75,7 @@ def test_a_good_arm_conforms(truearm, bench):
 def test_without_confirmed_numbers_there_is_one_word_everywhere(truearm, bench, too_large):
     """Terminal, JSON, page and exit code: nothing green, no conform, and what a certificate would say."""
     Path("points.csv").write_text(Made(too_large=too_large).iso().text())
-    ran = truearm(*options("iso10360-12"), "--report", "page.html")
+    ran = truearm(*options("iso10360-12"), "--page", "page.html")
     assert (ran.code, ran.err) == (3, "")
     first = "Not for conformity decisions: 28 entries are not confirmed against ISO 10360-12:2016 in the test plan"
     assert ran.out.startswith(first)
@@ -152,7 +153,7 @@ def test_outside_the_rated_conditions_nothing_is_decided(truearm, bench):
         assert ran.code == 3
         unmet = "rated conditions not met: temperature of the artefacts 26.1 degC, rated 15 to 25 degC"
         assert ran.out.splitlines()[0] == f"undecided: {unmet}"
-    page = truearm(*options(), "--report", "page.html", "--json")
+    page = truearm(*options(), "--page", "page.html", "--json")
     found = json.loads(page.out)
     assert {row["verdict"] for row in found["rows"]} <= {"undecided", None}
     (condition,) = found["rated_conditions"]
@@ -632,7 +633,7 @@ def test_a_blunder_is_reported_beside_the_verdict(truearm, bench, what):
     good = json.loads(truearm(*options(), "--json").out)
     path = Path(file)
     path.write_text(change(path.read_text()))
-    ran = truearm(*options(), "--json", "--report", "page.html")
+    ran = truearm(*options(), "--json", "--page", "page.html")
     found = json.loads(ran.out)
     assert (ran.code, found["verdict"]) == (1, "not conform"), ran
     (slip,) = [remark for remark in found["remarks"] if remark not in good["remarks"]]
@@ -721,7 +722,7 @@ def test_thermometers_are_uncertain(truearm, bench):
 
 def test_every_form_states_the_measuring_range_and_the_serial_numbers_of_the_artefacts(truearm, bench):
     Path("artefacts.toml").write_text(ARTEFACTS.replace('name = "bar"', 'name = "bar"\nserial_number = "B-77"'))
-    ran = truearm(*options(), "--report", "page.html")
+    ran = truearm(*options(), "--page", "page.html")
     assert "measuring arm 2.5 m, measuring range 2500 mm" in ran.out.splitlines()[1]
     assert "Artefacts: ball, serial number not stated; bar, serial number B-77." in ran.out
     found = json.loads(truearm(*options(), "--json").out)
@@ -878,7 +879,7 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
     lines = ARTEFACTS.splitlines(keepends=True)
     lengths = [line for line in lines if line.startswith('  { name = "')]
     Path("mine.toml").write_text("".join(line for line in lines if line not in lengths or '"900"' in line))
-    ran = truearm("verify", "sheet", "iso10360-12", "--out", "sheet.html", "--artefacts", "mine.toml")
+    ran = truearm("verify", "sheet", "iso10360-12", "--page", "sheet.html", "--artefacts", "mine.toml")
     assert ran.code == 2
     assert "needs 5 calibrated lengths, the file of artefacts has 1" in ran.err
     assert "a plan with uni.lengths = 1 and uni.longest_share = 0.36" in ran.err
@@ -908,7 +909,7 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, bench):
         "plan, uni: own plan, different from truearm's plan after ISO 10360-12:2016: lengths = 1 (5), longest_share = "
         "0.36 (0.66)" in ran.out
     )
-    ran = truearm("verify", "sheet", "asme-b89.4.22", "--out", "sheet.html", "--artefacts", "mine.toml")
+    ran = truearm("verify", "sheet", "asme-b89.4.22", "--page", "sheet.html", "--artefacts", "mine.toml")
     assert "'volumetric' needs 2 calibrated lengths, the file of artefacts has 1" in ran.err
     assert "a plan with volumetric.lengths = 1" in ran.err
     plan = confirm(plan_text("asme-b89.4.22"))
@@ -939,7 +940,7 @@ def test_an_empty_file_is_printed_to_fill_in(truearm, bench, kind, key):
 
 def test_the_points_state_the_arm_that_measured_them(truearm, bench):
     Path("points.csv").write_text(Made().iso().text("10017"))
-    ran = truearm(*options(), "--report", "page.html")
+    ran = truearm(*options(), "--page", "page.html")
     assert ran.out.splitlines()[1].endswith("measuring range 2500 mm, serial number 10017")
     assert "10017" in Path("page.html").read_text()
     assert json.loads(truearm(*options(), "--json").out)["serial_number"] == "10017"
@@ -964,7 +965,7 @@ def test_the_page_names_every_column_and_what_tells_groups_apart():
 
 def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, bench, snapshot):
     Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
-    ran = truearm(*options(), "--report", "page.html")
+    ran = truearm(*options(), "--page", "page.html")
     assert (ran.code, ran.err) == (1, "")
     html = Path("page.html").read_text()
     assert "measuring arm 2.5 m: not conform" in html
@@ -972,17 +973,17 @@ def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, bench, snapsh
         assert label in html
     assert "SHA-256" in html
     Path("my-plan.toml").write_text(plan_text("iso10360-12"))
-    assert truearm(*options("my-plan.toml"), "--report", "page.html").code == 3
+    assert truearm(*options("my-plan.toml"), "--page", "page.html").code == 3
     assert "check against your copy of the standard" in Path("page.html").read_text()
     for file in ("my-plan.toml", "points.csv", "artefacts.toml", "mpe.toml"):
         assert f"SHA-256 {sha256(Path(file).read_bytes()).hexdigest()}" in Path("page.html").read_text()
     before = snapshot(bench)
     for page in ("points.csv", "page.pdf", "away/page.html"):
-        ran = truearm(*options(), "--report", page)
+        ran = truearm(*options(), "--page", page)
         assert ran.code == 2
         assert page in ran.err
     Path("mpe.toml").write_text("")
-    assert truearm(*options(), "--report", "other.html").code == 2
+    assert truearm(*options(), "--page", "other.html").code == 2
     assert snapshot(bench) == before | {"mpe.toml": b""}
 
 

@@ -23,7 +23,7 @@ def test_a_plan_is_printed_to_edit(truearm, tmp_path, name):
     assert ran.out == plan_text(name)
     mine = tmp_path / "mine.toml"
     mine.write_text(ran.out.replace("value = 3", "value = 1"))
-    ran = truearm("verify", "simulate", "perfect", "--plan", mine, "--arms", 1)
+    ran = truearm("verify", "simulate", "perfect", "--test-plan", mine, "--arms", 1)
     assert ran.code == 0, ran
 
 
@@ -68,11 +68,11 @@ def test_a_model_takes_the_test_too(truearm, made):
 @pytest.mark.parametrize(
     ("arguments", "phrase"),
     [
-        ([], "expected --points, --plan, --artefacts, --mpe"),
-        (["--points", "points.csv"], "expected --plan, --artefacts, --mpe"),
+        ([], "expected --measured, --test-plan, --artefacts, --mpe"),
+        (["--measured", "points.csv"], "expected --test-plan, --artefacts, --mpe"),
         (
-            ["--points", "points.csv", "simulate", "shop"],
-            "--points applies to measured points, not to simulate. Try: truearm verify simulate --help",
+            ["--measured", "points.csv", "simulate", "shop"],
+            "--measured applies to measured points, not to simulate. Try: truearm verify simulate --help",
         ),
         (["--simulate", "shop"], "--simulate is a command now. Try: truearm verify simulate MODEL|PRESET"),
         (["--print-plan=iso10360-12"], "--print-plan is a command now. Try: truearm verify plan NAME"),
@@ -82,9 +82,9 @@ def test_a_model_takes_the_test_too(truearm, made):
         ),
         (["simulate", "ur10"], "got the arm 'ur10'. Try: shop, with --arm ur10"),
         (["simulate", "mine.urdf"], "got the arm 'mine.urdf'. Try: shop, with --arm mine.urdf"),
-        (["simulate", "shop", "--report", "page.html"], "No such option"),
+        (["simulate", "shop", "--page", "page.html"], "No such option"),
         (["simulate", "shop", "--arm", "panda2"], "there is no arm 'panda2'"),
-        (["simulate", "shop", "--plan", "iso"], "there is no plan 'iso'"),
+        (["simulate", "shop", "--test-plan", "iso"], "there is no plan 'iso'"),
         (["simulate", "shop", "--mpe", "none.toml"], "none.toml"),
         (["plan", "iso"], "there is no plan 'iso'. Try: use iso10360-12 or asme-b89.4.22"),
     ],
@@ -100,7 +100,7 @@ def test_what_does_not_fit_is_refused(truearm, tmp_path, monkeypatch, arguments,
 def test_an_arm_too_short_for_the_limits_is_refused_with_its_reach(truearm, tmp_path):
     mpe = tmp_path / "mpe.toml"
     mpe.write_text(MPE.replace("measuring_range_mm = 2500", "measuring_range_mm = 4000"))
-    ran = truearm("verify", "simulate", "shop", "--plan", "asme-b89.4.22", "--mpe", mpe)
+    ran = truearm("verify", "simulate", "shop", "--test-plan", "asme-b89.4.22", "--mpe", mpe)
     assert ran.code == 2
     assert "does not reach" in ran.err
     assert "; volumetric, position 2 4 " in ran.err
@@ -146,19 +146,19 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
     artefacts, mpe, out = (tmp_path / name for name in ("artefacts.toml", "mpe.toml", "sheet.html"))
     artefacts.write_text(ARTEFACTS)
     mpe.write_text(MPE)
-    ran = truearm("verify", "sheet", "iso10360-12", "--out", out, "--artefacts", artefacts, "--mpe", mpe)
+    ran = truearm("verify", "sheet", "iso10360-12", "--page", out, "--artefacts", artefacts, "--mpe", mpe)
     assert (ran.code, ran.err) == (0, "")
     heading = "Articulated arm with tactile probe (plan not confirmed against ISO 10360-12:2016)"
     assert ran.out == f"{out}: operator's sheet, 310 points of {heading}\n"
     command, _, printed = re.findall(r"```console sheet\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[
         0
     ].partition("\n")
-    assert command == "$ truearm verify sheet iso10360-12 --out sheet.html --artefacts artefacts.toml --mpe mpe.toml"
+    assert command == "$ truearm verify sheet iso10360-12 --page sheet.html --artefacts artefacts.toml --mpe mpe.toml"
     assert ran.out.replace(str(out), out.name) == printed
     html = out.read_text()
     for phrase in ("K-101", "measuring arm 2.5 m", "2028-01-15", "150, 450, 900, 1300, 1700"):
         assert phrase in html
-    ran = truearm("verify", "sheet", "asme-b89.4.22", "--out", out)
+    ran = truearm("verify", "sheet", "asme-b89.4.22", "--page", out)
     assert ran.code == 0
     assert "measuring range and artefacts: examples" in ran.out
 
@@ -166,11 +166,11 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "phrase"),
     [
-        (["sheet", "iso10360-12"], "Missing option '--out'"),
-        (["sheet", "iso10360-12", "--out", "s.html", "--tip-diameter", 6], "--tip-diameter applies to --points only"),
-        (["sheet", "iso10360-12", "--out", "sheet.pdf"], "ends in .html"),
-        (["sheet", "iso10360-12", "--out", "away/sheet.html"], "away"),
-        (["sheet", "iso", "--out", "sheet.html"], "there is no plan 'iso'"),
+        (["sheet", "iso10360-12"], "Missing option '--page'"),
+        (["sheet", "iso10360-12", "--page", "s.html", "--tip-diameter", 6], "--tip-diameter applies to --out only"),
+        (["sheet", "iso10360-12", "--page", "sheet.pdf"], "ends in .html"),
+        (["sheet", "iso10360-12", "--page", "away/sheet.html"], "away"),
+        (["sheet", "iso", "--page", "sheet.html"], "there is no plan 'iso'"),
     ],
 )
 def test_a_sheet_that_cannot_be_written_is_refused(truearm, tmp_path, monkeypatch, arguments, phrase):

@@ -49,7 +49,7 @@ def test_the_first_line_of_a_plan_is_its_uncertainty(truearm, tmp_path):
 
 def test_json_has_the_files_and_all_strategies(truearm, tmp_path):
     out = tmp_path / "plan.csv"
-    arguments = ["plan", "gao2017", "--artefact", "bar", "--length", 250, "--poses", 9, "--seats", 2, *QUICK]
+    arguments = ["plan", "gao2017", "--artefact", "bar", "--bar", 250, "--poses", 9, "--seats", 2, *QUICK]
     ran = truearm(*arguments, "--strategy", "random", "--page", tmp_path / "plan.html", "--out", out, "--json")
     assert (ran.code, ran.err) == (0, "")
     found = json.loads(ran.out)
@@ -83,7 +83,7 @@ def test_json_has_the_files_and_all_strategies(truearm, tmp_path):
 def test_a_filled_plan_improves_on_the_nominal_arm_without_a_reference_instrument(truearm, tmp_path):
     """The whole way, with a virtual arm in the place of a real one."""
     plan, session, lengths, model = (tmp_path / name for name in ("p.csv", "s.csv", "p-lengths.csv", "m.truearm"))
-    ran = truearm("plan", "gao2017", "--artefact", "bar", "--length", 300, "--poses", 40, *QUICK, "--out", plan)
+    ran = truearm("plan", "gao2017", "--artefact", "bar", "--bar", 300, "--poses", 40, *QUICK, "--out", plan)
     assert ran.code == 0, ran.err
     angles, seat = aims(plan)
     arm = load_arm("gao2017")
@@ -102,7 +102,7 @@ def test_a_filled_plan_improves_on_the_nominal_arm_without_a_reference_instrumen
     ran = truearm("fit", session, "--arm", "gao2017", "--model", "kinematic", "--lengths", lengths, "--out", model)
     assert ran.code == 0, ran.err
     # More for this model: seats of other names, so that both sessions may go into one.
-    ran = truearm("plan", model, "--artefact", "bar", "--length", 300, "--poses", 4, "--out", tmp_path / "more.csv")
+    ran = truearm("plan", model, "--artefact", "bar", "--bar", 300, "--poses", 4, "--out", tmp_path / "more.csv")
     assert ran.code == 0, ran.err
     assert not set(aims(tmp_path / "more.csv")[1].tolist()) & set(seat.tolist())
     there = proposal.volume_poses(arm, 60, seed=9)
@@ -160,10 +160,10 @@ def test_a_smaller_volume_has_a_smaller_uncertainty(truearm, tmp_path):
     ("arguments", "said"),
     [
         (["nobody", "--artefact", "tracker"], "there is no arm 'nobody'"),
-        (["gao2017", "--artefact", "bar"], "--length 500"),
-        (["gao2017", "--artefact", "bar", "--length", "-3"], "positive length"),
-        (["gao2017", "--artefact", "bar", "--length", "nan"], "positive length"),
-        (["gao2017", "--artefact", "seat", "--length", "300"], "--artefact bar"),
+        (["gao2017", "--artefact", "bar"], "--bar 500"),
+        (["gao2017", "--artefact", "bar", "--bar", "-3"], "positive length"),
+        (["gao2017", "--artefact", "bar", "--bar", "nan"], "positive length"),
+        (["gao2017", "--artefact", "seat", "--bar", "300"], "--artefact bar"),
         (["gao2017", "--artefact", "tracker", "--seats", "3"], "seat and bar"),
         (["gao2017", "--artefact", "seat", "--seats", "9", "--poses", "5"], "--poses 18"),
         (["gao2017", "--artefact", "tracker", "--noise", "0"], "positive noise"),
@@ -206,7 +206,7 @@ def test_an_existing_file_is_not_overwritten(truearm, snapshot, tmp_path):
     (tmp_path / "plan.csv").write_text("readings")
     (tmp_path / "other-lengths.csv").write_text("certificate")
     before = snapshot(tmp_path)
-    bar = ["--artefact", "bar", "--length", 250, "--poses", 8, *QUICK]
+    bar = ["--artefact", "bar", "--bar", 250, "--poses", 8, *QUICK]
     for out in ("plan.csv", "other.csv"):
         ran = truearm("plan", "gao2017", *bar, "--out", tmp_path / out)
         assert ran.code == 2

@@ -1,4 +1,4 @@
-"""The rehearsal on the command line: `simulate --plan`, `verify sheet --points`, `predict --into`."""
+"""The rehearsal on the command line: `simulate --plan`, `verify sheet --out`, `verify fill`."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_no_file_of_the_plan_is_overwritten(truearm, plan):
 def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path):
     """The coordinates are those of `predict --out`."""
     sheet, points, angles = (tmp_path / name for name in ("sheet.html", "points.csv", "angles.csv"))
-    ran = truearm("verify", "sheet", "asme-b89.4.22", "--out", sheet, "--points", points, "--tip-diameter", 3)
+    ran = truearm("verify", "sheet", "asme-b89.4.22", "--page", sheet, "--out", points, "--tip-diameter", 3)
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.splitlines()[-1] == f"points to measure written to {points}"
     with points.open(encoding="utf-8", newline="") as file:
@@ -133,16 +133,16 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, made, tmp_path)
     ran = truearm("verify", "fill", model, angles, *into)
     assert (ran.code, "have coordinates already" in ran.err) == (2, True)
     # By the way of a table the points would pass for those of the arm's software.
-    ran = truearm("import", tmp_path / "table.csv", "--points", "x_mm,y_mm,z_mm", "--into", points)
+    ran = truearm("import", tmp_path / "table.csv", "--point", "x_mm,y_mm,z_mm", "--into", points)
     assert (ran.code, "computed by a model of truearm. Try: truearm verify fill" in ran.err) == (2, True)
-    ran = truearm("verify", "sheet", "asme-b89.4.22", "--out", sheet, "--points", points)
+    ran = truearm("verify", "sheet", "asme-b89.4.22", "--page", sheet, "--out", points)
     assert (ran.code, "the file exists already" in ran.err) == (2, True)
 
 
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "expected --out. Try"),
+        ([], "Missing option '--out'. Try"),
         (["--out", "a.csv", "--into", "b.csv"], "--into is a command now. Try: truearm verify fill"),
         (["--out", "a.csv", "--date", "2026-10-20"], "No such option"),
     ],
@@ -156,8 +156,8 @@ def test_predict_writes_a_table_and_says_what_fills_in_points(truearm, made, opt
 @pytest.fixture(scope="module")
 def points_to_measure(truearm, tmp_path_factory):
     folder = tmp_path_factory.mktemp("sheet")
-    sheet = ("sheet", "asme-b89.4.22", "--out", folder / "sheet.html")
-    assert truearm("verify", *sheet, "--points", folder / "points.csv", "--tip-diameter", 0).code == 0
+    sheet = ("sheet", "asme-b89.4.22", "--page", folder / "sheet.html")
+    assert truearm("verify", *sheet, "--out", folder / "points.csv", "--tip-diameter", 0).code == 0
     return (folder / "points.csv").read_bytes()
 
 
@@ -174,7 +174,7 @@ def form(points_to_measure, tmp_path):
     return points, export, taken
 
 
-FORMAT = ("--points", "2,3,4", "--point-unit", "in", "--separator", "SPACE", "--decimal", ",", "--no-header")
+FORMAT = ("--point", "2,3,4", "--point-unit", "in", "--separator", "SPACE", "--decimal", ",", "--no-header")
 EXPORT = (*FORMAT, "--skip-lines", 2, "--encoding", "cp1252")
 
 
@@ -202,7 +202,7 @@ def test_the_points_of_a_metrology_program_are_filled_in(truearm, form):
         (lambda lines: [*lines[:5], "  P9  left  1,0  1,0", *lines[6:]], (), "line 6"),
         (lambda lines: lines, ("--out", "s.csv"), "--out does not apply to --into"),
         (lambda lines: lines, ("--angles", "1"), "--angles does not apply to --into"),
-        (lambda lines: lines, ("--points", "2,3"), "expected three columns of points, got 2"),
+        (lambda lines: lines, ("--point", "2,3"), "expected three columns of points, got 2"),
         (lambda lines: lines, ("--point-unit", "ft"), "unknown unit of points 'ft'"),
     ],
 )

@@ -16,7 +16,7 @@ def seated(truearm, tmp_path_factory):
     session, lengths, model = (folder / name for name in ("seats.csv", "lengths.csv", "arm.truearm"))
     simulated = truearm(
         *("simulate", "gao2017", "--strategy", "seat", "--bars", 1, "--poses", 75, "--no-reference"),
-        *("--lengths", lengths, "--out", session),
+        *("--out-lengths", lengths, "--out", session),
     )
     assert simulated.code == 0, simulated.err
     fitted = truearm("fit", session, "--arm", "gao2017", "--model", "kinematic", "--lengths", lengths, "--out", model)
@@ -34,7 +34,7 @@ def two_sections(monkeypatch):
 @pytest.mark.usefixtures("two_sections")
 def test_every_figure_of_the_page_is_a_file_of_its_own(truearm, made, tmp_path):
     page, folder = tmp_path / "page.html", tmp_path / "figures"
-    ran = truearm("report", made / "kinematic.truearm", made / "test.csv", "--out", page, "--figures", folder)
+    ran = truearm("report", made / "kinematic.truearm", made / "test.csv", "--page", page, "--figures", folder)
     assert ran.code == 0, ran.err
     names = sorted(path.name for path in folder.iterdir())
     text = page.read_text(encoding="utf-8")
@@ -47,7 +47,7 @@ def test_every_figure_of_the_page_is_a_file_of_its_own(truearm, made, tmp_path):
 @pytest.mark.parametrize(("form", "start"), [("pdf", b"%PDF"), ("png", b"\x89PNG")])
 @pytest.mark.usefixtures("two_sections")
 def test_figures_have_the_form_that_is_asked_for(truearm, made, tmp_path, form, start):
-    given = (made / "nominal.truearm", made / "test.csv", "--out", tmp_path / "page.html", "--figures", tmp_path / "f")
+    given = (made / "nominal.truearm", made / "test.csv", "--page", tmp_path / "page.html", "--figures", tmp_path / "f")
     assert truearm("report", *given, "--figures-as", form).code == 0
     files = list((tmp_path / "f").iterdir())
     assert files
@@ -57,7 +57,7 @@ def test_figures_have_the_form_that_is_asked_for(truearm, made, tmp_path, form, 
 def test_what_cannot_be_a_folder_of_figures_is_refused_before_the_page_is_drawn(truearm, made, tmp_path):
     page, file = tmp_path / "page.html", tmp_path / "file"
     file.write_text("a file")
-    given = ("report", made / "kinematic.truearm", made / "test.csv", "--out", page)
+    given = ("report", made / "kinematic.truearm", made / "test.csv", "--page", page)
     for more, said in (
         (("--figures", file), "the folder cannot be made"),
         (("--figures-as", "pdf"), "--figures-as is for the files of --figures"),
@@ -71,7 +71,7 @@ def test_what_cannot_be_a_folder_of_figures_is_refused_before_the_page_is_drawn(
 def test_two_identified_arms_are_told_apart(truearm, made, tmp_path):
     page, other = tmp_path / "page.html", tmp_path / "other.truearm"
     other.write_bytes((made / "kinematic.truearm").read_bytes())
-    ran = truearm("report", made / "kinematic.truearm", other, made / "train.csv", "--out", page)
+    ran = truearm("report", made / "kinematic.truearm", other, made / "train.csv", "--page", page)
     assert ran.code == 0, ran.err
     text = page.read_text(encoding="utf-8")
     assert ">Uncertainty: kinematic</h2>" in text
@@ -81,7 +81,7 @@ def test_two_identified_arms_are_told_apart(truearm, made, tmp_path):
 def test_a_session_of_seats_has_a_page(truearm, seated, tmp_path):
     page = tmp_path / "page.html"
     ran = truearm(
-        "report", seated / "arm.truearm", seated / "seats.csv", "--lengths", seated / "lengths.csv", "--out", page
+        "report", seated / "arm.truearm", seated / "seats.csv", "--lengths", seated / "lengths.csv", "--page", page
     )
     assert ran.code == 0, ran.err
     assert "1 model compared on 75 readings" in ran.out
@@ -105,7 +105,7 @@ def test_a_seat_in_two_sessions_is_refused_by_every_verb(truearm, seated, tmp_pa
         ("fit", session, "--arm", "gao2017", "--out", tmp_path / "m"),
         ("refit", model, session, "--out", tmp_path / "m"),
         ("evaluate", model, session),
-        ("report", model, session, "--out", tmp_path / "page.html"),
+        ("report", model, session, "--page", tmp_path / "page.html"),
         ("check", model, session, "--history", tmp_path / "h.sqlite"),
         ("plan", "gao2017", "--artefact", "seat", "--session", session, "--out", tmp_path / "plan.csv"),
     ):
@@ -120,7 +120,7 @@ def test_a_seat_in_two_sessions_is_refused_by_every_verb(truearm, seated, tmp_pa
 def test_lengths_are_for_sessions_of_seats(truearm, made, seated, tmp_path):
     ran = truearm(
         *("report", made / "kinematic.truearm", made / "test.csv"),
-        *("--lengths", seated / "lengths.csv", "--out", tmp_path / "page.html"),
+        *("--lengths", seated / "lengths.csv", "--page", tmp_path / "page.html"),
     )
     assert ran.code == 2
     assert "lengths are for a session without reference points" in ran.err
@@ -128,6 +128,6 @@ def test_lengths_are_for_sessions_of_seats(truearm, made, seated, tmp_path):
 
 
 def test_a_session_without_points_or_seats_is_refused(truearm, made, tmp_path):
-    ran = truearm("report", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "page.html")
+    ran = truearm("report", made / "kinematic.truearm", made / "angles.csv", "--page", tmp_path / "page.html")
     assert ran.code == 2
     assert "reference points, seats or 4 distances to an anchor to compare with" in ran.err

@@ -150,7 +150,7 @@ class DescriptionCheck:
         found = ", or ".join(str(one) for one in self.findings[:MOST_NAMED])
         return (
             f"put this right: {found} ({self.findings[0].error_mm:.2g} mm remain; `truearm arms` with your arm "
-            f"file and --readings {file or 'session.csv'} says more, and "
+            f"file and --session {file or 'session.csv'} says more, and "
             "`truearm docs describe-your-arm` where each is put right)"
         )
 

@@ -138,7 +138,7 @@ class TypePrior(Document):
             raise InputError(
                 f"expected a type prior of arm {arm.name!r}, got one of {self.arm!r}"
                 + (", of other dimensions" if self.arm == arm.name else ""),
-                hint="truearm fleet prior FOLDER --arm ARM --into FILE learns one",
+                hint="truearm fleet prior FOLDER --arm ARM --out FILE learns one",
             )
         expected, given = [term.name for term in type_constants(arm.chain)], [one.name for one in self.constants]
         if sorted(expected) != sorted(given):

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from typer import Context, Option
 
 from truearm.errors import InputError
+from truearm.verbs import options
 from truearm.verbs.console import print_line, progress
-from truearm.verbs.options import refuse_typed
 from truearm.wings.bench.recording_options import OUT_HELP, SOURCE_HELP, SharedOptions, takes_readings
 from truearm.wings.planning.designs import Strategy
 
@@ -29,7 +29,7 @@ class LiveOptions(SharedOptions):
 
 @takes_readings
 def live(
-    options: LiveOptions,
+    given: LiveOptions,
     context: Context,
     demo: Annotated[
         bool,
@@ -56,10 +56,10 @@ def live(
     checks = RequestChecks(host, token)
     if demo:
         recording = _demo(context, FRAMES_HZ)
-    elif not options.source or options.out == Path():
+    elif not given.source or given.out == Path():
         raise InputError("expected --source and --out", hint="truearm live --demo, without hardware")
     else:
-        recording = options.recording(FRAMES_HZ)
+        recording = given.recording(FRAMES_HZ)
     try:
         for event in serve(recording, checks, port):
             print_line(event.text)
@@ -71,7 +71,7 @@ def live(
 def _demo(context: Context, samples_hz: float) -> Recording:
     from truearm.wings.bench.recording.live_demo import demo_recording
 
-    refuse_typed(context, [option.name for option in fields(LiveOptions)], "does not apply to --demo")
+    options.refuse_typed(context, [option.name for option in fields(LiveOptions)], "does not apply to --demo")
     with progress("planning the demonstration", total=len(get_args(Strategy))) as tell:
         folder = Path(tempfile.mkdtemp(prefix="truearm-"))  # it stays: a session and a model are worth keeping
         recording = demo_recording(folder, samples_hz=samples_hz, progress=tell)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from math import radians
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 from typer import Option
 
-from truearm.verbs.options import ARM_HELP
+from truearm.verbs import options
 from truearm.wings.bench.recording import TakeOn
 
 if TYPE_CHECKING:
@@ -28,19 +28,21 @@ class SharedOptions:
 
     source: Annotated[str, Option(help=SOURCE_HELP)]
     out: Annotated[Path, Option(help=OUT_HELP)]
-    plan: Annotated[Path | None, Option(help="Plan of truearm plan: seats, instructions, what remains.")] = None
+    plan: options.PlanFile = None
     rank: Annotated[
         bool, Option("--rank", help="Next is the pose that adds most: of the plan, or without one of all in reach.")
     ] = False
-    arm: Annotated[str | None, Option("--arm", help=ARM_HELP)] = None
-    model: Annotated[Path | None, Option(help="Model file: shows the corrected tip with its uncertainty.")] = None
+    arm: options.ArmOption = None
+    model: Annotated[
+        Path | None, Option("--model-file", help="Model file: shows the corrected tip with its uncertainty.")
+    ] = None
     out_model: Annotated[Path | None, Option(help="Where a model fitted to the readings is saved; must be new.")] = None
     reference: Annotated[
         str | None, Option(help="What measures the tip, if not the source: another source, paired by time, or typed.")
     ] = None
     on: Annotated[TakeOn, Option(help="Take a reading at every standstill, or by key or the arm's button.")] = "still"
     seat: Annotated[str, Option(help="Name of the seat of the first readings; by default the plan's.")] = ""
-    still: Annotated[float, Option(help="For how long the arm stands still before a reading is taken [s].")] = 0.5
+    still: options.Still = 0.5
     spread: Annotated[float, Option(help="By how much a joint moves at most in that time [deg].")] = 0.05
     spread_mm: Annotated[float, Option(help="By how much a sliding joint moves at most [mm].")] = 0.05
 
@@ -49,20 +51,10 @@ class SharedOptions:
         from truearm.wings.bench.recording.recording import Recording
         from truearm.wings.bench.sources import StandstillRule
 
-        return Recording(
-            self.source,
-            self.out,
-            plan=self.plan,
-            rank=self.rank,
-            arm=self.arm,
-            model=self.model,
-            out_model=self.out_model,
-            reference=self.reference,
-            on=self.on,
-            seat=self.seat,
-            rule=StandstillRule(self.still, radians(self.spread), self.spread_mm),
-            samples_hz=samples_hz,
-        )
+        stated = {one.name: getattr(self, one.name) for one in fields(self)}
+        still, spread, spread_mm = (stated.pop(name) for name in ("still", "spread", "spread_mm"))
+        rule = StandstillRule(still, radians(spread), spread_mm)
+        return Recording(**stated, rule=rule, samples_hz=samples_hz)
 
 
 def takes_readings(command: Callable[..., None]) -> Callable[..., None]:
@@ -72,8 +64,8 @@ def takes_readings(command: Callable[..., None]) -> Callable[..., None]:
     shared = [one.replace(annotation=described[name]) for name, one in signature(first.annotation).parameters.items()]
 
     @wraps(command)
-    def with_options(**given: Any) -> None:
-        command(first.annotation(**{one.name: given.pop(one.name) for one in shared}), **given)
+    def with_options(**stated: Any) -> None:
+        command(first.annotation(**{one.name: stated.pop(one.name) for one in shared}), **stated)
 
     by_name = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in (*shared, *own)]
     with_options.__signature__ = Signature(by_name)  # type: ignore[attr-defined]

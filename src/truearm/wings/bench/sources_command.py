@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import ARM_HELP, Force, Json, refuse_typed
 from truearm.verbs.outputs import check_new_output
 
 
@@ -18,14 +18,13 @@ def sources(
     source: Annotated[
         str | None, Option("--try", metavar="SOURCE", help="Read this source and show ten samples.")
     ] = None,
-    arm: Annotated[str | None, Option("--arm", help=f"With --try, for its limits. {ARM_HELP}")] = None,
+    arm: options.ArmOption = None,
     seconds: Annotated[float, Option(min=0.1, max=600, help="With --try: for how long.")] = 5.0,
-    arm_file: Annotated[
-        Path | None,
-        Option(help="With --try: arm file to write, .toml, with the constants that a MicroScribe states."),
+    out: Annotated[
+        Path | None, Option(help="With --try: arm file to write, .toml, with the constants that a MicroScribe states.")
     ] = None,
-    force: Force = False,
-    as_json: Json = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """List what can be connected, or say what is wrong with it.
 
@@ -38,14 +37,14 @@ def sources(
     from truearm.wings.bench.sources.source_names import read_source_arm
 
     if source is None:
-        refuse_typed(context, ["arm", "seconds", "arm_file", "force"], "applies to --try only")
+        options.refuse_typed(context, ["arm", "seconds", "out", "force"], "applies to --try only")
         print_record(list_sources(), as_json=as_json)
         return
-    if arm_file is not None:
-        check_new_output(arm_file, force=force)
-        write_arm(read_source_arm(source), arm_file, convention="mdh")
+    if out is not None:
+        check_new_output(out, force=force)
+        write_arm(read_source_arm(source), out, convention="mdh")
     with progress(f"reading {source}: move every joint"):
         trial = try_source(source, arm=arm, seconds=seconds)
-    print_record(trial, as_json=as_json, files={"arm": arm_file})
+    print_record(trial, as_json=as_json, files={"arm": out})
     if not trial.samples:
         raise typer.Exit(1)

@@ -4,61 +4,46 @@ from __future__ import annotations
 
 from math import radians
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
 
+from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record, progress
-from truearm.verbs.options import ConditionsOption, Json, ModelFile, numbers_of
 from truearm.verbs.outputs import check_output as check_file
-from truearm.wings.exports.targets import FanucJ3, Frame, RobotLanguage, TargetDirection, Untrained
+from truearm.verbs.signature import of_verb
+from truearm.wings.exports.targets import FanucJ3, Frame, RobotLanguage
 
-TipName = Annotated[str | None, Option(help="Name of the tip, of a model with several.")]
+FrameOption = Annotated[
+    Frame | None, Option(help="Frame of poses or of constants: that of the model's points, or the arm's own base.")
+]
 
 
+@of_verb("truearm.wings.exports.correct:correct")
 def correct(
-    model: ModelFile,
+    verb: Any,
+    model: options.ModelFile,
     targets: Annotated[
         Path, Argument(metavar="TARGETS", help="Table of targets, .csv: joints, or poses of the tip with start joints.")
     ],
     out: Annotated[Path, Option(help="File to write: .csv, or by --as .script, .mod, .dat, .ls.")],
-    direction: Annotated[
-        TargetDirection,
-        Option(help="command: what to send to the controller; feedback: what its encoders mean."),
-    ] = "command",
-    language: Annotated[
-        RobotLanguage | None,
-        Option("--as", help="Write the targets in a robot language instead of a table."),
-    ] = None,
+    language: Annotated[RobotLanguage | None, Option("--as", help="Format of --out.")] = None,
     fanuc_j3: Annotated[
         FanucJ3 | None,
         Option(help="With --as fanuc: J3 as the teach pendant shows it (coupled with J2), or as in the model."),
     ] = None,
-    frame: Annotated[
-        Frame,
-        Option(help="Frame of poses: that of the model's points, or the arm's own base frame."),
-    ] = "reference",
+    frame: FrameOption = "reference",
     tool: Annotated[
         str | None,
-        Option(
-            metavar="X,Y,Z[,R,P,Y]",
-            help="Tip in the flange [mm] and roll, pitch, yaw [deg], in place of the tip in the readings.",
-        ),
+        Option(metavar="X,Y,Z[,R,P,Y]", help="Tip in the flange [mm] and roll, pitch, yaw [deg], for the model's tip."),
     ] = None,
     start: Annotated[
         str | None, Option(metavar="Q1,Q2,..", help="Start joints [deg, mm] of all poses, if the table has none.")
     ] = None,
-    tip: TipName = None,
-    untrained: Annotated[
-        Untrained,
-        Option(help="Targets outside the trained range: refuse them, or correct and flag them."),
-    ] = "refuse",
-    uncertainty: Annotated[
-        bool, Option(help="Compute the uncertainty of the tip; without it correction is faster.")
-    ] = True,
-    conditions: ConditionsOption = "reproducibility",
-    as_json: Json = False,
+    tip: options.TipName = None,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Correct the joint targets of a robot program.
 
@@ -72,24 +57,14 @@ def correct(
     """
     from truearm.verbs.inputs import to_model_of_tip
     from truearm.wings.exports.correct import FANUC_J3_TEXT, check_output
-    from truearm.wings.exports.correct import correct as correct_targets
     from truearm.wings.exports.targets.manifest import read_manifest
 
     check_output(out, language, fanuc_j3)
     check_file(out, model, targets, read=read_manifest)
     with progress(f"correcting {targets.name}"):
         fitted = to_model_of_tip(model, tip)
-        corrected = correct_targets(
-            fitted,
-            targets,
-            direction=direction,
-            frame=frame,
-            tool=_tool_of(tool),
-            start=_start_of(start, fitted.arm.chain.is_prismatic.tolist()),
-            untrained=untrained,
-            uncertainty=uncertainty,
-            conditions=conditions,
-        )
+        start_joints = _start_of(start, fitted.arm.chain.is_prismatic.tolist())
+        corrected = verb(fitted, targets, frame=frame, tool=_tool_of(tool), start=start_joints, **given)
         n_refused = int(corrected.refused.sum())
         any_good = n_refused < len(corrected.refused)
         if any_good:
@@ -104,7 +79,7 @@ def _tool_of(option: str | None) -> list[float] | None:
     """The option --tool in mm and rad."""
     if option is None:
         return None
-    numbers = numbers_of(option, "--tool", "0,0,120")
+    numbers = options.numbers_of(option, "--tool", "0,0,120")
     return numbers[:3] + [radians(q) for q in numbers[3:]]
 
 
@@ -112,5 +87,5 @@ def _start_of(option: str | None, slides: list[bool]) -> list[float] | None:
     """The option --start in rad, and mm of sliding joints."""
     if option is None:
         return None
-    numbers = numbers_of(option, "--start", "0,-90,90,0,90,0")
+    numbers = options.numbers_of(option, "--start", "0,-90,90,0,90,0")
     return [q if i < len(slides) and slides[i] else radians(q) for i, q in enumerate(numbers)]

@@ -3,44 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Option
 
-from truearm.choices import Convention
 from truearm.errors import InputError
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import AcceptOption, Json, ModelFile
-from truearm.wings.exports.correct_command import TipName
+from truearm.verbs.signature import of_verb
+from truearm.wings.exports.correct_command import FrameOption
 from truearm.wings.exports.formats import ExportFormat
-from truearm.wings.exports.targets import Frame
 
 
+@of_verb("truearm.wings.exports.export:export")
 def export(
-    model: ModelFile,
+    verb: Any,
+    model: options.ModelFile,
     out: Annotated[Path | None, Option(help="File to write; its ending states the format.")] = None,
-    format: Annotated[
-        ExportFormat | None,
-        Option("--as", help="The format, where the ending leaves it open.", show_default=False),
-    ] = None,
+    format: Annotated[ExportFormat | None, Option("--as", help="Format of --out.", show_default=False)] = None,
     region: Annotated[
         Path | None,
         Option(help="Session or targets: the poses at which a file of constants must be good; training poses."),
     ] = None,
-    source: Annotated[str, Option(help="The robot's own URDF or UR kinematics file, of which all else is kept.")] = "",
-    frame: Annotated[
-        Frame | None,
-        Option(help="Root of a file of constants: the arm's own base (default), or the reference's."),
-    ] = None,
-    convention: Annotated[
-        Convention | None,
-        Option(help="Convention of constants: D-H or modified D-H; that of the arm's file."),
-    ] = None,
-    tip: TipName = None,
-    accept: AcceptOption = None,
+    source: Annotated[
+        str, Option("--original", help="The robot's own URDF or UR kinematics file, of which all else is kept.")
+    ] = "",
+    frame: FrameOption = None,
     check: Annotated[Path | None, Option(help="An exported file to compare with the model, in place of --out.")] = None,
-    as_json: Json = False,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Write a model as a file of another program.
 
@@ -50,25 +42,14 @@ def export(
     content was not run).
     """
     from truearm.wings.exports.export import check_export
-    from truearm.wings.exports.export import export as export_model
 
     if (out is None) == (check is None):
         raise InputError("expected one of --out and --check", hint="truearm export MODEL --out arm.urdf")
     if check is not None:
-        found = check_export(model, check, tip=tip)
+        found = check_export(model, check, tip=given["tip"])
         print_record(found, as_json=as_json)
         raise typer.Exit({"agrees": 0, "differs": 1, "not verified": 3}[found.verdict])
     assert out is not None
     with progress(f"exporting {model.name}"):
-        result = export_model(
-            model,
-            out,
-            format=format,
-            region=region,
-            source=source or None,
-            frame=frame,
-            convention=convention,
-            tip=tip,
-            accept=accept,
-        )
+        result = verb(model, out, format=format, region=region, source=source or None, frame=frame, **given)
     print_record(result, as_json=as_json, files={result.format: out})

@@ -7,16 +7,12 @@ from typing import Annotated
 
 from typer import Argument, Context, Exit, Option, Typer
 
-from truearm.choices import ModelName
 from truearm.pages.drawings.page_record import check_page_path
+from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record, progress
-from truearm.verbs.options import ARM_HELP, AcceptOption, Force, Json, LengthsFile, SchedulerOption, WorkersOption
 from truearm.verbs.outputs import check_new_output
 from truearm.wings.laboratory.verbs.check_command import (
-    ChartsPage,
-    CheckDate,
     CheckedSession,
-    LimitsFile,
     ReasonOption,
     RetiredOption,
     WithdrawOption,
@@ -25,6 +21,7 @@ from truearm.wings.laboratory.verbs.check_command import (
     print_check,
     print_withdrawal,
 )
+from truearm.wings.laboratory.verbs.verify_command import Trusted
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 Verify = Annotated[
@@ -61,12 +58,12 @@ def init(
 def add(
     folder: Folder,
     serial_number: Annotated[str | None, Argument(metavar="[SERIAL]", help="Serial number of the arm.")] = None,
-    arm: Annotated[str | None, Argument(metavar="[ARM]", help=ARM_HELP)] = None,
+    arm: Annotated[str | None, Argument(metavar="[ARM]", help=options.ARM_HELP)] = None,
     session: Annotated[
         str | None, Option(help="File of its readings, or a URL (s3://..); the last one added is fitted.")
     ] = None,
     site: Annotated[str, Option(help="Where the arm is.")] = "",
-    model: Annotated[ModelName | None, Option(help="Kind of model; by default auto, or as before.")] = None,
+    model: options.ModelOption = None,
     every_days: Annotated[int | None, Option(help="Days after which readings are due again.")] = None,
     arms: Annotated[
         Path | None,
@@ -126,9 +123,7 @@ def add_certificate(
     due: Annotated[
         str | None, Option(help="Day of the next calibration, 2027-11-03; by default that of the certificate.")
     ] = None,
-    trusted: Annotated[
-        Path | None, Option(help="Certificates that you trust, of the signers or of who issued theirs, .pem.")
-    ] = None,
+    trusted: Trusted = None,
 ) -> None:
     """Add calibration certificates of arms, all or none.
 
@@ -156,15 +151,15 @@ def check(
     folder: Folder,
     serial_number: Annotated[str, Argument(metavar="SERIAL", help="Serial number of the arm.")],
     session: CheckedSession = None,
-    lengths: LengthsFile = None,
+    lengths: options.LengthsFile = None,
     retired: RetiredOption = None,
-    mpe: LimitsFile = None,
-    date: CheckDate = None,
-    report: ChartsPage = None,
+    mpe: options.MpeFile = None,
+    date: options.Date = None,
+    page: options.Page = None,
     withdrawn: WithdrawOption = None,
     reason: ReasonOption = None,
-    accept: AcceptOption = None,
-    as_json: Json = False,
+    accept: options.AcceptOption = None,
+    as_json: options.Json = False,
 ) -> None:
     """Check whether an arm is still as its model in force.
 
@@ -175,15 +170,15 @@ def check(
     from truearm.wings.laboratory.verbs.check import withdraw_check
 
     if withdrawn is not None:
-        given = needed_reason(context, reason)
-        check_page_path(report)
+        stated = needed_reason(context, reason)
+        check_page_path(page)
         opened = Fleet(folder)
         model, history = opened.model(serial_number), opened.history(serial_number)
-        print_withdrawal(withdraw_check(model, history, withdrawn, reason=given), report, as_json=as_json)
+        print_withdrawal(withdraw_check(model, history, withdrawn, reason=stated), page, as_json=as_json)
         opened.close()
         return
     file = needed_session(context, session, "truearm fleet check FOLDER SERIAL SESSION")
-    check_page_path(report, file, lengths, mpe)
+    check_page_path(page, file, lengths, mpe)
     opened = Fleet(folder)
     print_check(
         lambda: opened.check(
@@ -194,7 +189,7 @@ def check(
             date=date,
             accept=accept,
         ),
-        *(file, report),
+        *(file, page),
         as_json=as_json,
     )
 
@@ -202,19 +197,17 @@ def check(
 @fleet.command()
 def run(
     folder: Folder,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    prior: Annotated[
-        Path | None,
-        Option(help="Prior of a type (truearm fleet prior), in force from now on; its arms get that of the others."),
-    ] = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    prior: options.PriorFile = None,
     verify: Verify = False,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Fit every arm of which something changed.
 
     That is its readings, drawing, kind of model, or type prior. What is fitted already is not fitted again, and an
-    interrupted run is continued by the same command. One arm's failure stops no other; a failed or worse fit replaces
+    interrupted run is continued by the same command. A --prior is in force from now on; its own arms get that of the
+    others. One arm's failure stops no other; a failed or worse fit replaces
     no model in force. Results are the same whoever computes. Exit code 1: some arms failed, now or before.
     """
     from truearm.solve.executors import chosen_executor
@@ -230,7 +223,7 @@ def run(
 
 
 @fleet.command()
-def status(folder: Folder, verify: Verify = False, as_json: Json = False) -> None:
+def status(folder: Folder, verify: Verify = False, as_json: options.Json = False) -> None:
     """Print the state of every arm.
 
     First come arms for which something is to be done, then those whose constants differ most from before, or from those
@@ -246,46 +239,47 @@ def status(folder: Folder, verify: Verify = False, as_json: Json = False) -> Non
 @fleet.command()
 def report(
     folder: Folder,
-    out: Annotated[Path, Option(help="Page to write, .html; pages of the arms stand in a folder beside it.")],
+    page: Annotated[Path, Option(help="Page to write, .html.")],
 ) -> None:
     """Write a page of all arms, and one of each.
 
-    The page of all arms is filtered as you type.
+    The page of all arms is filtered as you type; those of the arms stand in a folder beside it.
     """
     from truearm.wings.fleet.fleet import Fleet
 
     opened = Fleet(folder)
-    with progress(f"writing {out.name}", total=opened.n_arms) as update:
-        n = opened.write_pages(out, progress=update)
+    with progress(f"writing {page.name}", total=opened.n_arms) as update:
+        n = opened.write_pages(page, progress=update)
     opened.close()
-    print_line(f"page written to {out}, with {n} pages of arms beside it")
+    print_line(f"page written to {page}, with {n} pages of arms beside it")
 
 
 @fleet.command()
 def prior(
     folder: Folder,
-    into: Annotated[Path, Option(help="File to write, for truearm fit --prior.")],
-    arm: Annotated[str | None, Option("--arm", help="The type, if the fleet has several: its nominal arm.")] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    force: Force = False,
-    as_json: Json = False,
+    out: Annotated[Path, Option(help="File to write, for truearm fit --prior.")],
+    arm: options.ArmOption = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Learn what the arms of a type have in common.
 
-    It is the prior of the next arm, which then needs fewer readings. Mean and scatter of the constants come from the
-    readings of all arms with a model in force. Each arm is held out and predicted from 10 and from 20 of its readings;
-    the file is written only if the others help. Exit code 1: they do not, and nothing is written.
+    It is the prior of the next arm, which then needs fewer readings; --arm is the type, if the fleet has several. Mean
+    and scatter of the constants come from the readings of all arms with a model in force. Each arm is held out and
+    predicted from 10 and from 20 of its readings; the file is written only if the others help. Exit code 1: they do
+    not, and nothing is written.
     """
     from truearm.solve.executors import chosen_executor
     from truearm.wings.fleet.fleet import Fleet
 
-    check_new_output(into, force=force)
+    check_new_output(out, force=force)
     executor, opened = chosen_executor(workers, scheduler), Fleet(folder)
     with progress(f"learning from {folder.name}") as update:
         learned = opened.type_prior(arm, executor=executor, progress=update)
         if learned.helps:
-            learned.save(into)
+            learned.save(out)
     opened.close()
-    print_record(learned, as_json=as_json, files={"prior": into if learned.helps else None})
+    print_record(learned, as_json=as_json, files={"prior": out if learned.helps else None})
     raise Exit(0 if learned.helps else 1)

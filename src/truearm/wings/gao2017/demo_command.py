@@ -8,15 +8,15 @@ from typing import Annotated
 from typer import Option
 
 from truearm.pages.drawings.page_record import check_folder
+from truearm.verbs import options
 from truearm.verbs.console import print_json, print_line, progress
-from truearm.verbs.options import Json
 
 
 def demo(
     out: Annotated[Path, Option(help="Folder for the report, a picture and the numbers.")] = Path("truearm-demo"),
-    seed: Annotated[int, Option(min=0, help="Another arm, other poses, other noise.")] = 0,
-    quick: Annotated[bool, Option("--quick", help="Half of the poses and a smaller network.")] = False,
-    as_json: Json = False,
+    seed: options.Seed = 0,
+    quick: options.Quick = False,
+    as_json: options.Json = False,
 ) -> None:
     """See an arm's error before and after compensation.
 

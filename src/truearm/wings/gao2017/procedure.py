@@ -211,8 +211,8 @@ class Procedure:
             found.append(f"This writes the {self.best} model: truearm fit SESSION --arm ARM --model {self.best}.")
         if not self.fresh:
             found.append(
-                "There are no fresh readings (--test): every reading is predicted by models that were fitted without "
-                "its fold. That the same readings chose the network makes its error too small."
+                "There are no fresh readings (--test-session): every reading is predicted by models that were fitted "
+                "without its fold. That the same readings chose the network makes its error too small."
             )
         return (*found, *(f"There is no {name} model: {why}." for name, why in self.refused.items()))
 

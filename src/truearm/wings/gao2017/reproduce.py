@@ -211,7 +211,7 @@ def reproduce(
             readings, test, arm, free=parts, quick=quick, folder=Path(folder), progress=progress, search=search
         )
     if test is not None or arm is not None or search:
-        raise InputError("test, arm and options of the search need readings", hint="readings, --readings FILE")
+        raise InputError("test, arm and options of the search need readings", hint="readings, --session FILE")
     if time_limit is not None and not time_limit > 0:
         raise InputError(f"expected a time limit above 0 s, got {time_limit}", hint="inf: no limit")
     if paper != "gao2017":

@@ -10,9 +10,9 @@ from typer import Argument, Option
 
 from truearm.choices import Trainer
 from truearm.errors import InputError
+from truearm.verbs import options
 from truearm.verbs.console import print_json, print_line, print_status, progress
 from truearm.verbs.fit_command import layer_sizes
-from truearm.verbs.options import ARM_HELP, Json, free_parts, refuse_typed
 
 STEPS = 10_000  # of the bar
 # Options of one use of the command.
@@ -28,22 +28,17 @@ def reproduce(
     table: Annotated[int | None, Option(metavar="2|3|4", help="One table only.")] = None,
     figure: Annotated[int | None, Option(metavar="1..8", help="One figure only, also as figure-N.png.")] = None,
     everything: Annotated[bool, Option("--all", help="All of it: an hour and a quarter on two cores.")] = False,
-    quick: Annotated[
-        bool, Option("--quick", help="One start a row, long trainings skipped; with --readings three small networks.")
-    ] = False,
+    quick: options.Quick = False,
     time_limit: Annotated[
         float | None,
         Option(metavar="SECONDS", help="CPU time of one training, 400 by default; inf: no limit, many hours."),
     ] = None,
-    readings: Annotated[
-        Path | None,
-        Option(help="Session file of your own arm: follow the paper's procedure on it, in place of its tables."),
-    ] = None,
+    readings: options.ReadSession = None,
     test: Annotated[
-        Path | None, Option(help="With --readings: fresh readings to test on; else those held out of the folds.")
+        Path | None, Option("--test-session", help="Fresh readings to test on; else those held out of the folds.")
     ] = None,
-    arm: Annotated[str | None, Option(help=f"With --readings: the arm, to compare with its models. {ARM_HELP}")] = None,
-    free: Annotated[str, Option(help="With --arm: what is unknown of its placement: base,tip or none.")] = "base,tip",
+    arm: options.ArmOption = None,
+    free: options.FreeOption = "base,tip",
     hidden: Annotated[
         list[str] | None, Option(metavar="20,20", help="Units of the hidden layers to try; repeat it for more.")
     ] = None,
@@ -59,9 +54,9 @@ def reproduce(
     ] = None,
     epochs: Annotated[int, Option(min=1, help="Maximum epochs of a training of the search.")] = 200,
     folds: Annotated[int, Option(min=2, help="Folds of the cross-validation.")] = 5,
-    seed: Annotated[int, Option(min=0, help="Seed of folds and start weights.")] = 0,
+    seed: options.Seed = 0,
     out: Annotated[Path, Option(metavar="DIR", help="For the page and the trainings.")] = Path("truearm-gao2017"),
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Reproduce a paper, or follow its procedure on your readings.
 
@@ -69,12 +64,12 @@ def reproduce(
     compares the results with the printed numbers. Finished trainings stay in the folder: after an
     interruption the same command resumes with the next one.
 
-    --readings FILE: the paper's procedure on your arm. Networks of several structures and settings are tried by
+    --session FILE: the paper's procedure on your arm. Networks of several structures and settings are tried by
     cross-validation; the one with the smallest error is trained on all readings, written as network.truearm and
-    tested on fresh readings (--test), beside models of the arm (--arm).
+    tested on fresh readings (--test-session), beside models of the arm (--arm).
     """
     if readings is not None:
-        refuse_typed(context, OF_PAPER, "does not go with --readings: it is of the paper's own arm")
+        options.refuse_typed(context, OF_PAPER, "does not go with --session: it is of the paper's own arm")
         search: dict[str, Any] = {
             "hidden": tuple(map(layer_sizes, hidden or ())),
             "trainer": tuple(trainer or ("varpro",)),
@@ -84,10 +79,10 @@ def reproduce(
             "folds": folds,
             "seed": seed,
         }
-        given = {"readings": readings, "test": test, "arm": arm, "free": free_parts(free), **search}
-        _run(paper, out, {"quick": quick, **given}, as_json=as_json)
+        stated = {"readings": readings, "test": test, "arm": arm, "free": free, **search}
+        _run(paper, out, {"quick": quick, **stated}, as_json=as_json)
         return
-    refuse_typed(context, OF_READINGS, "applies to --readings only")
+    options.refuse_typed(context, OF_READINGS, "applies to --session only")
     if sum((table is not None, figure is not None, everything)) > 1:
         raise InputError("expected one of --table, --figure and --all, got more")
     if table is None and figure is None and not everything and not quick:
@@ -95,11 +90,11 @@ def reproduce(
             "expected what to reproduce, got neither --table nor --figure nor --all",
             hint="--quick, which takes minutes; --all takes an hour and a quarter",
         )
-    options = {"table": table, "figure": figure, "quick": quick, "time_limit": time_limit}
-    _run(paper, out, options, as_json=as_json)
+    given = {"table": table, "figure": figure, "quick": quick, "time_limit": time_limit}
+    _run(paper, out, given, as_json=as_json)
 
 
-def _run(paper: Literal["gao2017"], out: Path, options: dict[str, Any], *, as_json: bool) -> None:
+def _run(paper: Literal["gao2017"], out: Path, given: dict[str, Any], *, as_json: bool) -> None:
     """Run, write the files and print the result."""
     from truearm.wings.gao2017.reproduce import reproduce as reproduced
 
@@ -109,7 +104,7 @@ def _run(paper: Literal["gao2017"], out: Path, options: dict[str, Any], *, as_js
                 paper,
                 folder=out,
                 progress=lambda share, note: tell(round(STEPS * share), note),
-                **options,
+                **given,
             )
     except (KeyboardInterrupt, SystemExit):
         print_status(f"truearm: finished trainings are in {out / 'runs'}; the same command resumes with the next one")

@@ -7,28 +7,27 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record, progress
-from truearm.verbs.options import Force
 from truearm.verbs.outputs import check_new_output
 
 
 def fetch(
     name: Annotated[str, Argument(metavar="[NAME]", help="A name from the list.", show_default=False)] = "",
     out: Annotated[Path | None, Option(help="Session file to write; NAME.csv by default.")] = None,
-    force: Force = False,
-    show: Annotated[bool, Option("--list", help="List the sets, and stop; so does no NAME.")] = False,
+    force: options.Force = False,
 ) -> None:
     """Get the published readings of a real arm.
 
-    They are downloaded once, checked against the published files, and written as a session file. Where lengths between
-    its seats are known, they are written beside it, to OUT-lengths.csv.
+    Without a name, the sets are listed. They are downloaded once, checked against the published files, and written as
+    a session file. Where lengths between its seats are known, they are written beside it, to OUT-lengths.csv.
     """
     from truearm.readings import check_session_path
     from truearm.verbs.record import TextTable
     from truearm.wings.importing.datasets import DATASETS, load_lengths
     from truearm.wings.importing.fetch import fetch as fetch_readings
 
-    if show or not name:
+    if not name:
         rows = [[name, entry.title, entry.arm] for name, entry in DATASETS.items()]
         print_line(str(TextTable(["name", "set", "arm"], rows, left_aligned=(0, 1, 2))))
         return

@@ -10,22 +10,23 @@ import typer
 from typer import Argument, Option
 
 from truearm.errors import InputError
+from truearm.verbs import options
 from truearm.verbs.console import print_json, print_line, progress
-from truearm.verbs.options import Force, Json, numbers_of, refuse_typed
 from truearm.verbs.outputs import check_new_output, check_output_is_not_input
 
 if TYPE_CHECKING:
     from truearm.typing import FloatArray
-    from truearm.wings.importing.foreign import ImportedTable
+    from truearm.wings.importing.foreign import ImportedTable, TableColumns
     from truearm.wings.importing.tables.table import TableForm
 
 # Options of points to measure that a session does not take, those that both take, and those that join two tables.
 FOR_FORMS = ("date", "artefact_temperature")
 FOR_BOTH = {"table", "into", "points", "point_unit", "serial_number", "separator", "decimal", "thousands", "header"}
 FOR_BOTH |= {"skip_lines", "encoding", "part"}
-FOR_TWO = ("by", "time_offset", "standstill_seconds", "standstill_mm")
+FOR_TWO = ("by", "time_offset", "still", "standstill_mm")
 _ONE_EACH = "one, or one a joint, separated by commas"
 PREVIEW_ROWS = 5
+Names = tuple[str, ...]
 MOST_IN_A_RANGE = 100  # columns of 1-6
 
 
@@ -45,8 +46,8 @@ def import_table(
     time_offset: Annotated[
         float | None, Option(metavar="SECONDS", help="Add to the times of the second table; by default estimated.")
     ] = None,
-    standstill_seconds: Annotated[float, Option(help="By time: the arm stands still for so long at a reading.")] = 0.5,
-    standstill_mm: Annotated[float, Option(help="By time: and its tip moves by no more.")] = 0.05,
+    still: options.Still = 0.5,
+    standstill_mm: Annotated[float, Option(help="By how much the tip moves at most in that time.")] = 0.05,
     preview: Annotated[bool, Option("--preview", help="Show the first rows as understood; write nothing.")] = False,
     angles: Annotated[
         str, Option(help="Columns of the joints, base to tip: names or numbers (1-6). Without it, all are recognised.")
@@ -60,7 +61,9 @@ def import_table(
     couple: Annotated[
         str, Option(metavar="SUMS", help="Joints that are sums of the table's: 'J3+=J2', 'J3=J3-0.5*J2; J5=J5+J4'.")
     ] = "",
-    points: Annotated[str, Option(help="Columns x,y,z of the reference point; with --into of the point.")] = "",
+    points: Annotated[
+        str, Option("--point", help="Columns x,y,z of the reference point; with --into of the point.")
+    ] = "",
     point_std: Annotated[str, Option(help="Columns of its three standard uncertainties.")] = "",
     u_mm: Annotated[
         float | None, Option(help="Standard uncertainty of every coordinate, or distance, without one of its own.")
@@ -83,20 +86,15 @@ def import_table(
             "Fanuc), .."
         ),
     ] = "",
-    temperature: Annotated[str, Option(help="Column of the temperature [degC].")] = "",
-    seat: Annotated[str, Option(help="Column that names the seat.")] = "",
-    tip: Annotated[str, Option(help="Column that names the tip.")] = "",
-    position: Annotated[str, Option(help="Columns that name the position aimed at.")] = "",
-    session: Annotated[str, Option(help="Column that names the session.")] = "",
     column: Annotated[
         list[str] | None,
         Option(
             metavar="NAME=COLUMN",
-            help="What else a session file holds: anchor=Wire, distance_mm=D, payload_kg=Mass, load_1_Nm=.. (repeat).",
+            help="What else a session file holds: seat=Nest, temperature_degC=T, position=GX,GY,GZ, .. (repeat).",
         ),
     ] = None,
     session_name: Annotated[str, Option(help="Name of the session of all readings.")] = "",
-    serial_number: Annotated[str, Option(help="Serial number of the arm.")] = "",
+    serial_number: options.SerialNumber = "",
     separator: Annotated[str, Option(help="One character, TAB, or SPACE: one or more; recognised.")] = "",
     decimal: Annotated[str, Option(help="Decimal sign, . or , ; recognised.")] = "",
     thousands: Annotated[str | None, Option(help="Thousands separator, or '' for none; recognised.")] = None,
@@ -112,12 +110,10 @@ def import_table(
             help="Sheet of a workbook, variable of an archive, topic of a recording (repeat it for the second table).",
         ),
     ] = None,
-    date: Annotated[
-        str | None, Option(help="With --into: day of the measurement, 2026-11-03; today by default.")
-    ] = None,
-    artefact_temperature: Annotated[float | None, Option(help="With --into: temperature of the artefacts.")] = None,
-    force: Force = False,
-    as_json: Json = False,
+    date: options.Date = None,
+    artefact_temperature: Annotated[float | None, Option(help="Temperature of the artefacts [degC].")] = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Turn a table of another program into a session file.
 
@@ -126,7 +122,7 @@ def import_table(
     A column is given by its name, or by its number from 1. The ranges of the result are printed: they show a wrong
     unit or sign.
 
-    --into fills in a file of points to measure from the export of a metrology program (--points X,Y,Z), a point for
+    --into fills in a file of points to measure from the export of a metrology program (--point X,Y,Z), a point for
     each row without coordinates, in their order.
     """
     from truearm.wings.importing.tables.table import TableForm
@@ -137,17 +133,17 @@ def import_table(
     )  # fmt: skip
     if into is not None:
         others = [str(option.name) for option in context.command.params if option.name not in (*FOR_FORMS, *FOR_BOTH)]
-        refuse_typed(context, others, "does not apply to --into")
+        options.refuse_typed(context, others, "does not apply to --into")
         _fill(table, into, _listed(points), point_unit, form, part or (), date, artefact_temperature, serial_number)
         return
-    refuse_typed(context, FOR_FORMS, "applies to --into only", hint="omit it, or use --into")
+    options.refuse_typed(context, FOR_FORMS, "applies to --into only", hint="omit it, or use --into")
     if out is None and not preview:
         raise InputError("expected --out, --preview or --into", hint="--out session.csv")
     if points_from is None:
-        refuse_typed(context, FOR_TWO, "joins two tables", hint="name the second one: --with TABLE")
+        options.refuse_typed(context, FOR_TWO, "joins two tables", hint="name the second one: --with TABLE")
 
     from truearm.readings import check_session_path
-    from truearm.wings.importing.foreign import JointScale, TableColumns
+    from truearm.wings.importing.foreign import JointScale
     from truearm.wings.importing.foreign.tables import as_tables, read_foreign_tables
 
     sources = [table] if points_from is None else [table, points_from]
@@ -160,10 +156,7 @@ def import_table(
         sign=_signs(sign),
         zero=_numbers(zero, "--zero"),
     )
-    columns = TableColumns(
-        _listed(angles), _listed(points), _listed(point_std), seat or None, session or None, temperature or None,
-        _listed(position), _listed(orientation), _others(column or [], tip),
-    )  # fmt: skip
+    columns = _columns(column or [], *map(_listed, (angles, points, point_std, orientation)))
     with progress(f"importing {table.name}"):
         found = read_foreign_tables(
             as_tables(sources, form, part or ()),
@@ -171,7 +164,7 @@ def import_table(
             scale,
             by=by,
             time_offset_s=time_offset,
-            standstill_s=standstill_seconds,
+            standstill_s=still,
             standstill_mm=standstill_mm,
             point_unit=cast(Any, point_unit or None),
             u_mm=u_mm,
@@ -349,19 +342,23 @@ def _listed(text: str) -> tuple[str, ...]:
     return tuple(parts)
 
 
-def _others(stated: list[str], tip: str) -> dict[str, str]:
-    """What --column and --tip state: columns of the table by those of a session file."""
-    others = {"tip": tip} if tip else {}
+def _columns(stated: list[str], angles: Names, points: Names, point_std: Names, orientation: Names) -> TableColumns:
+    """The columns of the table, with those that --column states by their names in a session file."""
+    from truearm.wings.importing.foreign import TableColumns
+
+    others = {}
     for text in stated:
-        name, sign, column = text.partition("=")
-        if not (sign and name.strip() and column.strip()):
+        name, sign, column = (part.strip() for part in text.partition("="))
+        if not (sign and name and column):
             raise InputError(f"--column expects NAME=COLUMN, got {text!r}", hint="--column payload_kg=Mass")
-        others[name.strip()] = column.strip()
-    return others
+        others[name] = column
+    seat, session, temperature = (others.pop(name, None) for name in ("seat", "session", "temperature_degC"))
+    position = _listed(others.pop("position", ""))
+    return TableColumns(angles, points, point_std, seat, session, temperature, position, orientation, others)
 
 
 def _numbers(text: str, option: str) -> tuple[float, ...] | None:
-    return tuple(numbers_of(text, option, "1.5,-2,0")) if text.strip() else None
+    return tuple(options.numbers_of(text, option, "1.5,-2,0")) if text.strip() else None
 
 
 def _signs(text: str) -> tuple[float, ...] | None:

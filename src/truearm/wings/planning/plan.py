@@ -198,7 +198,7 @@ def plan(
     seats : int, optional
         Number of seats, or of places of the bar; by default one for every ten poses.
     length_mm : float, optional
-        Of the bar, between its seats [mm].
+        Length of the bar, between its seats [mm].
     noise_mm : float, optional
         Standard deviation of a coordinate [mm]; by default that of the model, else 0.02.
     strategy : {"i-optimal", "d-optimal", "technician", "random"}

@@ -9,60 +9,43 @@ import typer
 from typer import Argument, Option
 
 from truearm.pages.drawings.page_record import check_page_path
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import ARM_HELP, AcceptOption, Force, Json, Seed, numbers_of, refuse_typed
 from truearm.verbs.outputs import check_new_output
-from truearm.wings.planning.designs import ArtefactKind, Strategy, Terms
+from truearm.verbs.signature import of_verb
+from truearm.wings.planning.designs import ArtefactKind, Strategy
 
 # Options of a calibration that the plan of an interim check does not take.
-NOT_FOR_CHECKS = ("poses", "page", "seats", "noise", "strategy", "terms", "session", "volume", "accept")
+NOT_FOR_CHECKS = ("poses", "page", "seats", "noise_mm", "strategy", "terms", "session", "volume", "accept")
 
 
+@of_verb("truearm.wings.planning.plan:plan", called={"length_mm": "--bar"}, within={"poses": (1, 500)})
 def plan(
+    verb: Any,
     context: typer.Context,
-    arm: Annotated[str, Argument(metavar="ARM|MODEL", help=f"{ARM_HELP} Or a model file.")],
+    arm: Annotated[str, Argument(metavar="ARM|MODEL", help=f"{options.ARM_HELP} Or a model file.")],
     artefact: Annotated[
         Literal[ArtefactKind, "check"],
         Option(help="What the poses are measured with; check: the routine of an interim check."),
     ],
     out: Annotated[Path, Option(help="Session file to fill in, .csv.")],
-    poses: Annotated[int, Option(min=1, max=500, help="Number of readings.")] = 50,
-    page: Annotated[Path | None, Option(help="Page with pictures to write, .html.")] = None,
-    seats: Annotated[
-        int | None, Option(min=1, max=200, help="Number of seats, or of places of the bar (one for 10 poses).")
-    ] = None,
-    length: Annotated[float | None, Option(help="Length of the bar, between its seats [mm].")] = None,
+    page: options.Page = None,
     sphere: Annotated[float | None, Option(help="With --artefact check: diameter of a sphere [mm].")] = None,
-    noise: Annotated[
-        float | None, Option(help="Standard deviation of a coordinate [mm] (that of the model, or 0.02).")
-    ] = None,
-    strategy: Annotated[Strategy, Option(help="How the poses are chosen.")] = "i-optimal",
-    terms: Annotated[
-        Terms | None,
-        Option(help="What is to be identified of an arm (physical). A model has its own terms."),
-    ] = None,
-    session: Annotated[
-        Path | None, Option(help="Session measured already that is not the training session of the model.")
-    ] = None,
     volume: Annotated[
         str | None,
         Option(help="Where the arm is to be used: NEAR,FAR,LOW,HIGH [mm] from its shoulder and HALF_ANGLE [deg]."),
     ] = None,
     table: Annotated[
         str | None,
-        Option(help="Where seats and bars can stand: height Z of the table above the base (0), or Z,X0,X1,Y0,Y1 [mm]."),
+        Option("--table-top", help="Where seats and bars can stand: height Z above the base, or Z,X0,X1,Y0,Y1 [mm]."),
     ] = None,
     avoid: Annotated[
         list[str] | None,
-        Option(
-            help="Box X0,X1,Y0,Y1,Z0,Z1 [mm] in which neither arm nor artefact is in any pose; between poses nothing "
-            "is checked; repeatable."
-        ),
+        Option(help="Box X0,X1,Y0,Y1,Z0,Z1 [mm] in which neither arm nor artefact is in any pose; repeatable."),
     ] = None,
-    seed: Seed = 0,
-    accept: AcceptOption = None,
-    force: Force = False,
-    as_json: Json = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Plan the poses that determine an arm best.
 
@@ -75,43 +58,29 @@ def plan(
 
     With a model instead of an arm: the poses that come next.
 
-    --artefact check: the routine of an interim check (truearm check), ten readings in a cone, with --length four in
+    --artefact check: the routine of an interim check (truearm check), ten readings in a cone, with --bar four in
     each seat of a bar, with --sphere nine on a sphere.
     """
     from truearm.arm.catalogue import arm_path
-    from truearm.wings.planning.plan import plan as planned
     from truearm.wings.planning.plan import template_files
 
     around: dict[str, Any] = {
-        "table": None if table is None else numbers_of(table, "--table", "-40,200,900,-400,400"),
-        "avoid": [numbers_of(box, "--avoid", "0,200,-300,300,0,900") for box in avoid or ()],
+        "table": None if table is None else options.numbers_of(table, "--table-top", "-40,200,900,-400,400"),
+        "avoid": [options.numbers_of(box, "--avoid", "0,200,-300,300,0,900") for box in avoid or ()],
+        "seed": given.pop("seed"),
     }
     if artefact == "check":
-        refuse_typed(context, NOT_FOR_CHECKS, "does not apply to --artefact check")
-        _plan_check(arm, out, length_mm=length, sphere_mm=sphere, seed=seed, force=force, as_json=as_json, **around)
+        options.refuse_typed(context, NOT_FOR_CHECKS, "does not apply to --artefact check")
+        _plan_check(arm, out, length_mm=given["length_mm"], sphere_mm=sphere, force=force, as_json=as_json, **around)
         return
-    refuse_typed(context, ["sphere"], "applies to --artefact check only")
+    options.refuse_typed(context, ["sphere"], "applies to --artefact check only")
     for file in template_files(out, artefact):
-        check_new_output(file, arm_path(arm), session, force=force, endings=(".csv",))
-    check_page_path(page, arm_path(arm), session)
+        check_new_output(file, arm_path(arm), given["session"], force=force, endings=(".csv",))
+    check_page_path(page, arm_path(arm), given["session"])
     n_strategies = len(get_args(Strategy))
     with progress("planning", total=n_strategies) as tell:
-        result = planned(
-            arm,
-            artefact,
-            poses=poses,
-            seats=seats,
-            length_mm=length,
-            noise_mm=noise,
-            strategy=strategy,
-            terms=terms,
-            session=session,
-            volume=None if volume is None else numbers_of(volume, "--volume", "300,800,-200,400,60"),
-            **around,
-            seed=seed,
-            progress=tell,
-            accept=accept,
-        )
+        within = None if volume is None else options.numbers_of(volume, "--volume", "300,800,-200,400,60")
+        result = verb(arm, artefact, **given, **around, volume=within, progress=tell)
         if page is not None:
             tell(n_strategies, "drawing the page")
             result.save_page(page)
@@ -119,11 +88,11 @@ def plan(
     print_record(result, as_json=as_json, files={**files, "page": page})
 
 
-def _plan_check(arm: str, out: Path, *, force: bool, as_json: bool, **options: Any) -> None:
+def _plan_check(arm: str, out: Path, *, force: bool, as_json: bool, **given: Any) -> None:
     from truearm.arm.catalogue import arm_path
     from truearm.wings.planning.plan import plan_check
 
     check_new_output(out, arm_path(arm), force=force, endings=(".csv",))
-    result = plan_check(arm, **options)
+    result = plan_check(arm, **given)
     files = dict(zip(("session", "lengths"), result.save(out, force=force), strict=False))
     print_record(result, as_json=as_json, files=files)

@@ -69,13 +69,6 @@ def describe_arm(arm: ArmLike | ModelLike, *, convention: Convention = "dh") -> 
     return ArmDescription(to_arm(arm), convention)
 
 
-def page_name(arm: str) -> Path:
-    """The page of an arm in the working folder, named after the arm or its file."""
-    from truearm.arm.catalogue import arm_path
-
-    return Path(f"{arm_path(arm).stem}.html")
-
-
 def identified_arm(model: ModelLike) -> Arm:
     """The arm of a model with the constants that were identified; its base frame is that of the reference.
 

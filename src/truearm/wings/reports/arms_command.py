@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -11,32 +11,24 @@ from typer import Argument, Option
 from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.pages.drawings.page_record import check_page_path
+from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record
-from truearm.verbs.options import ARM_HELP, AcceptOption, Force, Json, free_parts, refuse_typed
 from truearm.verbs.outputs import check_new_output
 
 
 def arms(
     context: typer.Context,
-    arm: Annotated[str, Argument(metavar="[ARM]", help=f"{ARM_HELP} Or a model file.", show_default=False)] = "",
-    out: Annotated[
-        Path | None, Option(help="Write it as an arm file, .toml or .urdf; with --page: the page, .html.")
-    ] = None,
-    page: Annotated[
-        bool, Option("--page", help="Write a page: a drawing to turn, a slider a joint, the tip's coordinates.")
-    ] = False,
-    convention: Annotated[Convention, Option(help="Convention of the table that is printed or written.")] = "dh",
-    readings: Annotated[
-        Path | None, Option(help="A session: say which mistake in the arm file or the readings explains it.")
-    ] = None,
-    lengths: Annotated[Path | None, Option(help="Known lengths between seats of the session.")] = None,
+    arm: Annotated[
+        str, Argument(metavar="[ARM]", help=f"{options.ARM_HELP} Or a model file.", show_default=False)
+    ] = "",
+    out: Annotated[Path | None, Option(help="Arm file to write, .toml or .urdf.")] = None,
+    page: options.Page = None,
+    convention: options.ConventionOption = "dh",
+    readings: options.ReadSession = None,
+    lengths: options.LengthsFile = None,
     search: Annotated[str, Option(help="List only the arms whose name or title has these words.")] = "",
-    free: Annotated[
-        str, Option(help="With --readings: what is unknown of the arm's placement, as in fit.")
-    ] = "base,tip",
-    apply: Annotated[
-        Path | None, Option(help="With --readings: write the arm without the mistake to a new arm file, .toml.")
-    ] = None,
+    free: options.FreeOption = "base,tip",
+    apply: options.ArmOut = None,
     from_circles: Annotated[
         Path | None, Option(help="A session in which each joint in turn moves alone: measure an arm without a drawing.")
     ] = None,
@@ -47,36 +39,33 @@ def arms(
     span: Annotated[
         float, Option(help="With --circles-plan: from the first to the last angle of a circle [deg].")
     ] = 60,
-    noise: Annotated[
-        float, Option(help="With --circles-plan: standard uncertainty of a coordinate of the instrument [mm].")
-    ] = 1.0,
-    accept: AcceptOption = None,
-    force: Force = False,
-    as_json: Json = False,
+    noise: Annotated[float, Option(help="Standard deviation of a coordinate [mm].")] = 1.0,
+    accept: options.AcceptOption = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """List the arms known by name, or print or write one.
 
     Without a name: the list, with --search those of a maker or type. With a name, also as its maker writes it: the
     constants of the nominal arm. With a model file: the identified arm, with base and tip in the frame of the
     reference. With a name and --out: an arm file, to edit into your own arm's, or to use elsewhere. With --page: a page
-    on which the arm is turned with the mouse and its joints are moved, to see whether a file describes an arm;
-    NAME.html unless --out names another.
-    With --readings: what is wrong where arm and readings contradict each other. Nothing is changed; --apply writes the
+    on which the arm is turned with the mouse and its joints are moved, to see whether a file describes an arm.
+    With --session: what is wrong where arm and readings contradict each other. Nothing is changed; --apply writes the
     arm without the mistake to a new file.
     With --from-circles: an arm without a drawing, measured by the circles that its joints describe one by one.
     """
     from truearm.arm import write_arm
     from truearm.arm.catalogue import arm_path
     from truearm.verbs.inputs import is_model_file
-    from truearm.wings.reports.arms import catalogue, describe_arm, page_name
+    from truearm.wings.reports.arms import catalogue, describe_arm
 
     if circles_plan is None:
-        refuse_typed(context, ("points", "span", "noise"), "applies to --circles-plan only")
+        options.refuse_typed(context, ("points", "span", "noise"), "applies to --circles-plan only")
     if from_circles is None:
-        refuse_typed(context, ("accept",), "applies to --from-circles only")
+        options.refuse_typed(context, ("accept",), "applies to --from-circles only")
     if from_circles is not None or circles_plan is not None:
         of_name = ("arm", "page", "readings", "lengths", "free", "apply")
-        refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
+        options.refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
         if from_circles is None:
             _plan_circles(out, circles_plan or 0, points, span, noise, force=force, as_json=as_json)
         elif circles_plan is None:
@@ -85,29 +74,21 @@ def arms(
             raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
         return
     if readings is not None or lengths is not None or apply is not None:
-        if readings is None or not arm or out is not None or page or is_model_file(arm):
+        if readings is None or not arm or out is not None or page is not None or is_model_file(arm):
             name = arm if arm and not is_model_file(arm) else "my-arm.toml"
             raise InputError(
-                "--readings needs a nominal arm, without --out and --page; --lengths and --apply need --readings",
-                hint=f"truearm arms {name} --readings {readings or 'session.csv'}",
+                "--session needs a nominal arm, without --out and --page; --lengths and --apply need --session",
+                hint=f"truearm arms {name} --session {readings or 'session.csv'}",
             )
         _diagnose(arm, readings, lengths, free, apply, force=force, as_json=as_json)
         return
     if search and arm:
         raise InputError("--search needs no name of an arm", hint=f"truearm arms --search '{search}'")
     if not arm:
-        if out is not None or page:
-            option = "--page" if page else "--out"
-            hint = "truearm arms my-arm.toml --page" if page else "truearm arms gao2017 --out my-arm.toml"
-            raise InputError(f"{option} needs the name of an arm", hint=hint)
+        if out is not None or page is not None:
+            option, file = ("--page", "arm.html") if out is None else ("--out", "my-arm.toml")
+            raise InputError(f"{option} needs the name of an arm", hint=f"truearm arms gao2017 {option} {file}")
         print_record(catalogue(search), as_json=as_json)
-        return
-    if page:
-        out = out or page_name(arm)
-        check_page_path(out, arm_path(arm))
-        description = describe_arm(arm, convention=convention)
-        description.save_page(out)
-        print_record(description, as_json=as_json, files={"page": out})
         return
     if out is not None and is_model_file(arm):
         raise InputError(
@@ -115,17 +96,21 @@ def arms(
             file=arm,
             hint=f"truearm export {arm} --out {out}: constants refitted to the whole model",
         )
+    check_page_path(page, arm_path(arm))
+    if out is not None:
+        check_new_output(out, arm_path(arm), force=force)
     description = describe_arm(arm, convention=convention)
-    if out is None:
-        print_record(description, as_json=as_json)
-        return
-    check_new_output(out, arm_path(arm), force=force)
-    write_arm(description.arm, out, convention=convention)
-    print_line(f"{out}: {description.arm.name}, {description.arm.n_joints} joints")
+    if page is not None:
+        description.save_page(page)
+    if out is not None:
+        write_arm(description.arm, out, convention=convention)
+        print_line(f"{out}: {description.arm.name}, {description.arm.n_joints} joints")
+    if out is None or page is not None:
+        print_record(description, as_json=as_json, files={"page": page})
 
 
 def _diagnose(
-    arm: str, readings: Path, lengths: Path | None, free: str, apply: Path | None, *, force: bool, as_json: bool
+    arm: str, readings: Path, lengths: Path | None, free: Any, apply: Path | None, *, force: bool, as_json: bool
 ) -> None:
     """Say which mistake explains the readings; write the arm without it to a new file."""
     from truearm.arm import write_arm
@@ -134,7 +119,7 @@ def _diagnose(
 
     if apply is not None:
         check_new_output(apply, readings, arm_path(arm), lengths, force=force, endings=(".toml",))
-    found = diagnose(arm, readings, lengths=lengths, free=free_parts(free))
+    found = diagnose(arm, readings, lengths=lengths, free=free)
     if apply is not None:
         write_arm(found.mended_arm(), apply)
     print_record(found, as_json=as_json, files={"arm": apply})

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from typer import Argument, Option
+from typer import Argument
 
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import Json
+from truearm.verbs.signature import of_verb
 
 
+@of_verb("truearm.wings.reports.compare:compare")
 def compare(
+    verb: Any,
     old: Annotated[Path, Argument(metavar="OLD", help="Model file of the arm before.")],
     new: Annotated[Path, Argument(metavar="NEW", help="Model file of the same arm, fitted again.")],
-    tip: Annotated[str | None, Option(help="Name of the tip, of models with several.")] = None,
-    as_json: Json = False,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Compare two models of one arm: which constants changed.
 
@@ -25,8 +28,6 @@ def compare(
 
     Nominal, kinematic and physical models of the same arm file can be compared.
     """
-    from truearm.wings.reports.compare import compare as compare_models
-
     with progress(f"comparing {old.name} and {new.name}"):
-        change = compare_models(old, new, tip=tip)
+        change = verb(old, new, **given)
     print_record(change, as_json=as_json)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -11,24 +11,20 @@ from typer import Argument, Option
 from truearm.errors import InputError
 from truearm.pages import FigureFormat
 from truearm.pages.drawings.page_record import check_page_path
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import AcceptOption, refuse_typed
+from truearm.verbs.signature import of_verb
 
 
+@of_verb("truearm.wings.reports.report:report", omit=("path",))
 def report(
+    verb: Any,
     context: typer.Context,
     files: Annotated[list[Path], Argument(metavar="MODEL... SESSION", help="Model files, then a session file.")],
-    out: Annotated[Path, Option(help="Page to write, .html.")],
-    title: Annotated[str, Option(help="Title of the page.")] = "",
-    lengths: Annotated[
-        Path | None, Option(help="File of known lengths between the seats of a session without points, .csv.")
-    ] = None,
+    page: Annotated[Path, Option(help="Page to write, .html.")],
     figures: Annotated[Path | None, Option(help="Folder for every figure of the page as a file of its own.")] = None,
-    form: Annotated[
-        FigureFormat | None,
-        Option("--figures-as", help="What the files of --figures are; svg by default."),
-    ] = None,
-    accept: AcceptOption = None,
+    form: Annotated[FigureFormat | None, Option("--figures-as", help="Format of --figures; svg by default.")] = None,
+    **given: Any,
 ) -> None:
     """Compare models on readings, as a page to show.
 
@@ -41,26 +37,25 @@ def report(
     """
     from truearm.pages.drawings.page_record import make_folder
     from truearm.verbs.inputs import is_model_file
-    from truearm.wings.reports.report import report as reported
 
     *models, session = files
     if models and all(map(is_model_file, files)):
         raise InputError(
             "expected a session file after the model files, got a model file",
             file=session,
-            hint=f"truearm report {' '.join(str(path) for path in files)} SESSION --out {out}",
+            hint=f"truearm report {' '.join(str(path) for path in files)} SESSION --page {page}",
         )
     if not models:
         raise InputError(
-            "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --out FILE"
+            "expected one or more model files, then a session file", hint="truearm report MODEL SESSION --page FILE"
         )
     if figures is None:
-        refuse_typed(context, ["form"], "is for the files of --figures", hint="--figures FOLDER")
-    check_page_path(out, *files, lengths)
+        options.refuse_typed(context, ["form"], "is for the files of --figures", hint="--figures FOLDER")
+    check_page_path(page, *files, given["lengths"])
     if figures is not None:
         make_folder(figures)
     with progress("drawing the report"):
-        result = reported(models, session, out, lengths=lengths, title=title, accept=accept)
+        result = verb(models, session, page, **given)
         if figures is not None:
             result.save_figures(figures, ending=f".{form or 'svg'}")
-    print_record(result, files={"page": out, "figures": figures})
+    print_record(result, files={"page": page, "figures": figures})

@@ -212,7 +212,7 @@ def test_without_samples_and_without_a_model_it_says_so(tmp_path):
         (tip,) = ask(url, "POST", "/predict", {"joints": [POSE_DEG]})[1]["tips"]
         assert (tip["corrected_mm"], tip["not_corrected"]) == (None, "no model is in force")
         status, refused = ask(url, "POST", "/correct", {"joints": [POSE_DEG]})
-        assert (status, "truearm live --model MODEL" in refused["text"]) == (422, True)
+        assert (status, "truearm live --model-file MODEL" in refused["text"]) == (422, True)
 
 
 def test_too_many_requests_are_refused(tmp_path, monkeypatch):

@@ -190,7 +190,7 @@ def test_on_a_pseudo_terminal():
 def test_the_constants_of_the_maker_are_an_arm_file(truearm_in, tmp_path):
     file = tmp_path / "arm.toml"
     with tcp_device(Arm()) as port:
-        ran = truearm_in("sources", "--try", f"microscribe:tcp:127.0.0.1:{port}", "--seconds", "1", "--arm-file", file)
+        ran = truearm_in("sources", "--try", f"microscribe:tcp:127.0.0.1:{port}", "--seconds", "1", "--out", file)
     assert ran == 0
     arm = ta.load_arm(file)
     assert (arm.n_joints, arm.serial_number, arm.title) == (5, "40937", "MicroScribe DX")

@@ -3,10 +3,7 @@
 import re
 from pathlib import Path
 
-import pytest
-import typer
-
-from truearm.wings.laboratory.verbs.task_command import task
+from command_line import called
 
 DOCS = Path(__file__).parents[4] / "docs"
 
@@ -21,11 +18,10 @@ def test_the_transcript_is_what_is_printed(tmp_path, capsys):
     limits = re.search(r"```toml mpe\n(.*?)```", (DOCS / "verification.md").read_text(), re.DOTALL)[1]
     (tmp_path / "mpe.toml").write_text(limits)
     command, transcript = re.search(
-        r"```console\n\$ truearm (task --spec mpe.toml .*?)\n(.*?)```", page, re.DOTALL
+        r"```console\n\$ truearm (task --mpe mpe.toml .*?)\n(.*?)```", page, re.DOTALL
     ).groups()
-    assert command == "task --spec mpe.toml --feature length --length 500 --at 600,0,300 --tolerance 0.08"
-    with pytest.raises(typer.Exit) as ended:
-        task(None, spec=tmp_path / "mpe.toml", length=500.0, at=["600,0,300"], tolerance=0.08, arms=100)
+    assert command == "task --mpe mpe.toml --feature length --length 500 --at 600,0,300 --tolerance 0.08"
+    code = called("task", mpe=tmp_path / "mpe.toml", length=500.0, at="600,0,300", tolerance=0.08, arms=100)
     printed = masked(capsys.readouterr().out)
     shown = masked(transcript)
     # What the numbers say may be another with fewer arms: the advice on points.
@@ -33,4 +29,4 @@ def test_the_transcript_is_what_is_printed(tmp_path, capsys):
     assert [line for i, line in enumerate(printed) if i != advice] == [
         line for i, line in enumerate(shown) if i != advice
     ]
-    assert ended.value.exit_code == 3
+    assert code == 3

@@ -3,24 +3,21 @@
 import json
 from functools import partial
 
-import click
 import numpy as np
 import pytest
-import typer
 
+from command_line import called
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.readings import length_errors, read_lengths, read_session
-from truearm.wings.planning.simulate_command import simulate as command
 from truearm.wings.planning.virtual import PRESETS, VirtualArm
 
-# The context of the command line says which options a person typed: none here.
-simulate = partial(command, typer.Context(click.Command("simulate")))
+simulate = partial(called, "simulate")
 
 
 def test_a_session_file_comes_out_with_what_was_rejected_and_the_floor(tmp_path, capsys):
     out = tmp_path / "session.csv"
-    simulate("gao2017", out, poses=50, strategy="measuring", seed=3)
+    simulate("gao2017", out=out, poses=50, strategy="measuring", seed=3)
     readings = read_session(out)
     assert len(readings) == 50
     assert readings.points is not None
@@ -32,7 +29,7 @@ def test_a_session_file_comes_out_with_what_was_rejected_and_the_floor(tmp_path,
 def test_two_sessions_of_one_arm_have_its_errors_in_common(tmp_path):
     """Points differ from the nominal chain by the same function: the true one of --arm-seed."""
     for seed in (1, 2):
-        simulate("gao2017", tmp_path / "s.csv", poses=30, seed=seed, arm_seed=4, force=True)
+        simulate("gao2017", out=tmp_path / "s.csv", poses=30, seed=seed, arm_seed=4, force=True)
         readings = read_session(tmp_path / "s.csv")
         arm = VirtualArm.draw(load_arm("gao2017"), PRESETS["research"], seed=4)
         assert np.abs(arm.true_tip(readings.angles) - readings.points).max() < 0.06  # noise: 5 sigma of 0.01 mm
@@ -40,7 +37,7 @@ def test_two_sessions_of_one_arm_have_its_errors_in_common(tmp_path):
 
 def test_seats_are_named_and_points_can_be_left_out(tmp_path, capsys):
     out = tmp_path / "seats.csv"
-    simulate("measuring7", out, poses=10, strategy="seat", preset="shop", seats=2, reference=False, as_json=True)
+    simulate("measuring7", out=out, poses=10, strategy="seat", preset="shop", seats=2, no_reference=True, json=True)
     readings = read_session(out)
     assert readings.points is None
     assert readings.seat.tolist() == ["S1"] * 5 + ["S2"] * 5
@@ -54,8 +51,8 @@ def test_seats_are_named_and_points_can_be_left_out(tmp_path, capsys):
 def test_a_bar_keeps_its_length_wherever_it_lies(tmp_path, seats):
     """An arm without errors holds its tip in the seats: their distance is the bar's, 400 mm, to the encoders' step."""
     out, lengths = tmp_path / "session.csv", tmp_path / "lengths.csv"
-    options = {"preset": "perfect", "reference": False, "bars": 2, "bar_mm": 400.0, "lengths": lengths}
-    simulate("gao2017", out, poses=35, strategy="seat", seats=seats, **options)
+    options = {"preset": "perfect", "no_reference": True, "bars": 2, "bar": 400.0, "out_lengths": lengths}
+    simulate("gao2017", out=out, poses=35, strategy="seat", seats=seats, **options)
     readings, known = read_session(out), read_lengths(lengths)
     assert len(readings) == 35
     single = 3 if seats is None else seats
@@ -73,7 +70,7 @@ def test_a_bar_keeps_its_length_wherever_it_lies(tmp_path, seats):
 
 
 def test_the_box_can_be_narrowed(tmp_path):
-    simulate("gao2017", tmp_path / "s.csv", poses=40, half_width_deg=2.0, preset="perfect")
+    simulate("gao2017", out=tmp_path / "s.csv", poses=40, half_width_deg=2.0, preset="perfect")
     assert np.ptp(np.degrees(read_session(tmp_path / "s.csv").angles), axis=0).max() < 4
 
 
@@ -86,19 +83,19 @@ def test_the_box_can_be_narrowed(tmp_path):
         ({"strategy": "seat", "half_width_deg": 5.0}, "a half width is for the strategies box and sobol-box"),
         ({"poses": 0}, "at least one of poses, got 0"),
         ({"half_width_deg": -5.0}, "positive half-width"),
-        ({"strategy": "seat", "bars": 1}, "--bars and --lengths belong together"),
-        ({"strategy": "seat", "lengths": "lengths.csv"}, "--bars and --lengths belong together"),
-        ({"bars": 1, "lengths": "lengths.csv"}, "bars are for the strategy seat, not for box"),
-        ({"strategy": "seat", "bars": 1, "lengths": "session.csv"}, "are the same file"),
-        ({"strategy": "seat", "bars": 1, "lengths": "lengths.txt"}, "ends in .csv"),
-        ({"strategy": "seat", "bars": 30, "poses": 50, "lengths": "lengths.csv"}, "at least one pose a seat"),
-        ({"strategy": "seat", "bars": 1, "bar_mm": 9e3, "lengths": "lengths.csv"}, "hardly fits into the volume"),
-        ({"strategy": "seat", "bars": 1, "seats": 0, "lengths": "lengths.csv"}, "at least one pose a seat"),
+        ({"strategy": "seat", "bars": 1}, "--bars and --out-lengths belong together"),
+        ({"strategy": "seat", "out_lengths": "lengths.csv"}, "--bars and --out-lengths belong together"),
+        ({"bars": 1, "out_lengths": "lengths.csv"}, "bars are for the strategy seat, not for box"),
+        ({"strategy": "seat", "bars": 1, "out_lengths": "session.csv"}, "are the same file"),
+        ({"strategy": "seat", "bars": 1, "out_lengths": "lengths.txt"}, "ends in .csv"),
+        ({"strategy": "seat", "bars": 30, "poses": 50, "out_lengths": "lengths.csv"}, "at least one pose a seat"),
+        ({"strategy": "seat", "bars": 1, "bar": 9e3, "out_lengths": "lengths.csv"}, "hardly fits into the volume"),
+        ({"strategy": "seat", "bars": 1, "seats": 0, "out_lengths": "lengths.csv"}, "at least one pose a seat"),
     ],
 )
 def test_wrong_options_leave_no_file(tmp_path, options, says):
     out = tmp_path / "session.csv"
-    options = {name: tmp_path / value if name == "lengths" else value for name, value in options.items()}
+    options = {name: tmp_path / value if name == "out_lengths" else value for name, value in options.items()}
     with pytest.raises(InputError, match=says):
-        simulate("gao2017", out, **options)
+        simulate("gao2017", out=out, **options)
     assert not list(tmp_path.iterdir())

@@ -225,7 +225,7 @@ def corrected(recording: Recording, asked: Correct) -> Corrected:
     """
     angles, model = _angles(recording, asked), recording.model
     if model is None:
-        raise InputError(NO_MODEL, hint="truearm live --model MODEL, or refit")
+        raise InputError(NO_MODEL, hint="truearm live --model-file MODEL, or refit")
     points = None if asked.points_mm is None else np.array(asked.points_mm)
     if points is not None and len(points) != len(angles):
         raise InputError(f"expected {len(angles)} points, one for each list of joints, got {len(points)}")

@@ -64,7 +64,7 @@ def drawn_arm(arm: Arm | None, model: Compensator | None) -> DrawnArm:
     if found is not None:
         return DrawnArm(replace(found.arm, chain=found.fit_.chain), is_identified=True)
     if arm is None:
-        raise InputError("the page needs the arm", hint="--arm ARM, or --model MODEL")
+        raise InputError("the page needs the arm", hint="--arm ARM, or --model-file MODEL")
     if not arm.has_kinematics:
         raise InputError(f"of arm {arm.name!r} only the joints are known", hint="truearm record takes its readings")
     return DrawnArm(arm, is_identified=False)

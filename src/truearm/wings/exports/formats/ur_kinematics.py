@@ -47,7 +47,7 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
         raise InputError(
             "the hash by which the driver recognises the robot is not known: it belongs to the controller",
             file=source,
-            hint="give the file that the driver wrote for this robot: --source my_robot_calibration.yaml",
+            hint="give the file that the driver wrote for this robot: --original my_robot_calibration.yaml",
         )
     if not np.allclose(nominal.chain.fixed[-1], np.eye(4), rtol=0, atol=1e-9):
         raise InputError(

@@ -103,7 +103,7 @@ def check_not_coupled(arm: Arm, format: str) -> None:
         raise InputError(
             f"the joints of {arm.name!r} are coupled ({coupling_text(arm.chain.coupling)}), which a file of format "
             f"{format} cannot state",
-            hint="of a robot with mimic joints: --as urdf with --source, its own URDF; truearm correct works without",
+            hint="of a robot with mimic joints: --as urdf with --original, its own URDF; truearm correct works without",
         )
 
 

@@ -108,7 +108,7 @@ def length_unit(table: Table, column: str) -> str | None:
     if unit is None and (behind := split_unit(table.names[index])[1]) in get_args(PointUnit):
         return behind
     if unit is not None and unit not in get_args(PointUnit):
-        hint = f"--point-unit with one of {', '.join(get_args(PointUnit))}; other columns: --points X,Y,Z"
+        hint = f"--point-unit with one of {', '.join(get_args(PointUnit))}; other columns: --point X,Y,Z"
         raise table.error(f"the points are in {unit}", column=index, hint=hint)
     return unit
 

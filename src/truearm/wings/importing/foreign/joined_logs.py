@@ -84,13 +84,13 @@ def join_tables(
     if by != "time":
         return join_by_name(joints, points, by)
     if not standstill_s > 0 or not standstill_mm > 0:
-        raise InputError("a standstill needs a time and a span above zero", hint="--standstill-seconds 0.5")
+        raise InputError("a standstill needs a time and a span above zero", hint="--still 0.5")
     of_joints, of_points = _times(joints), _times(points)
     angle_columns = list(angles) or measured_columns(joints)
     point_columns = list(point) or measured_columns(points)[:3]
     if not angle_columns or len(point_columns) != 3:
         table, what = (joints, "angles") if not angle_columns else (points, "x, y, z")
-        raise table.error(f"expected columns of {what}, got {listed(table.names)}", hint="--angles, --points X,Y,Z")
+        raise table.error(f"expected columns of {what}, got {listed(table.names)}", hint="--angles, --point X,Y,Z")
     values = np.stack([joints.numbers(i) for i in angle_columns], axis=1)
     q = _log(joints, of_joints, _without_turns(values))
     p, said = _log_of_points(points, of_points, point_columns, point_unit_mm)
@@ -219,7 +219,7 @@ def _no_standstill(side: _Side, log: Log, span: float, seconds: float, what: str
             break
     return side.table.error(
         f"no standstill of {seconds:g} s: {what} stood still for {longest:.2g} s at most",
-        hint="let the arm rest at each pose for a second or more; or --standstill-seconds for shorter rests, "
+        hint="let the arm rest at each pose for a second or more; or --still for shorter rests, "
         "--standstill-mm for an instrument or an arm that moves more while it rests",
     )
 

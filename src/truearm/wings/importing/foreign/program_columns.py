@@ -406,7 +406,7 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
         elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
             remarks.append(
                 f"{_span(columns)} are the controller's own pose, which is no reference. Use "
-                f"--points {','.join(_labels(columns))} if an instrument measured them."
+                f"--point {','.join(_labels(columns))} if an instrument measured them."
             )
         elif _words_match(_NOT_MEASURED, beside) and not _words_match(_OTHER_QUANTITY, beside):
             found.setdefault("position", _labels(columns))  # readings of one goal are neighbours
@@ -421,7 +421,7 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
     points = [] if is_stated else [columns for rank, columns in ranked if rank in alike[first]]
     if len(points) > 1:
         both = " and ".join(", ".join(_labels(columns)) for columns in points)
-        hint = f"--points '{','.join(_labels(points[0]))}'"
+        hint = f"--point '{','.join(_labels(points[0]))}'"
         found["no_points"] = InputError(f"two sets of columns may be the points: {both}", hint=hint)
         points = []
     if points:
@@ -480,7 +480,10 @@ def _single(free: Sequence[_Name], remarks: list[str]) -> dict[str, Any]:
     for what, pattern in _SINGLE.items():
         matching = [column for column in free if re.fullmatch(pattern, column.stem)]
         if what == "temperature" and len(matching) > 1:
-            remarks.append(f"{', '.join(_labels(matching))} are several temperatures: none is read. Use --temperature.")
+            remarks.append(
+                f"{', '.join(_labels(matching))} are several temperatures: none is read. "
+                "Use --column temperature_degC=NAME."
+            )
         elif matching:
             others.pop(matching[0].written, None)
             key = {"payload": PAYLOAD, "serial_number": "serial_number"}.get(what)

@@ -485,8 +485,8 @@ def _columns_hint(table: Table) -> str:
     """Options that state the columns of a table whose names tell nothing; the point is usually the last of them."""
     n = len(measured_columns(table))
     if table.header_line is None and n == len(table.names) > 3:
-        return f"--angles 1-{n - 3} --points {n - 2}-{n}, if the first {n - 3} of its {n} columns are the joint angles"
-    return "--angles 'A,B,C' and --points 'X,Y,Z': their names, or their numbers as 1-6"
+        return f"--angles 1-{n - 3} --point {n - 2}-{n}, if the first {n - 3} of its {n} columns are the joint angles"
+    return "--angles 'A,B,C' and --point 'X,Y,Z': their names, or their numbers as 1-6"
 
 
 def import_points(
@@ -529,7 +529,7 @@ def import_points(
     """
     _check_stated(point_unit, None)
     if len(columns) != 3:
-        raise InputError(f"expected three columns of points, got {len(columns)}", hint="--points 'X,Y,Z'")
+        raise InputError(f"expected three columns of points, got {len(columns)}", hint="--point 'X,Y,Z'")
     table = as_table(path, form or TableForm())
     _check_columns(table, TableColumns(points=tuple(columns)))
     points = _numbers(table, columns)
@@ -636,7 +636,7 @@ def _name_unread(table: Table, columns: TableColumns, session: Session, remarks:
     known = {table.index(column) for column in columns.all()}
     unread = [table.names[i] for i in measured_columns(table) if i not in known]
     if not has_reference(session).any():
-        remarks.append("No reference is read: no points, seats or distances. A fit needs some: --points X,Y,Z")
+        remarks.append("No reference is read: no points, seats or distances. A fit needs some: --point X,Y,Z")
     if unread:
         remarks.append(f"Not read: {listed(unread, most)}.")
 

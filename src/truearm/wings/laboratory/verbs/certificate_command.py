@@ -4,62 +4,56 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Option
 
 from truearm.errors import InputError
+from truearm.verbs import options
 from truearm.verbs.console import print_json, print_line, print_record, print_status
-from truearm.verbs.options import AcceptOption, Json, refuse_typed, typed_options
-from truearm.wings.laboratory.verbs.verify_command import ArtefactsFile, MpeFile, RuleOption
+from truearm.wings.laboratory.verbs.verify_command import MeasuredPoints, RuleOption, TestPlan, Trusted
 
 if TYPE_CHECKING:
     from truearm.wings.laboratory.signatures.x509_certificates import Signer
+    from truearm.wings.laboratory.verbs.verify import VerificationResult
+
+# Options that a certificate needs.
+NEEDED = ("--test-plan", "--measured", "--artefacts", "--mpe", "--about", "--out")
 
 
 def certificate(
     context: typer.Context,
-    plan: Annotated[str, Option(help="Test plan, as of truearm verify.")] = "",
-    points: Annotated[Path | None, Option(help="Measured points, .csv.")] = None,
+    plan: TestPlan = None,
+    points: MeasuredPoints = None,
     as_found: Annotated[
         Path | None, Option(help="Points measured before the adjustment or repair that --about states, .csv.")
     ] = None,
-    artefacts: ArtefactsFile = None,
-    mpe: MpeFile = None,
+    artefacts: options.ArtefactsFile = None,
+    mpe: options.MpeFile = None,
     about: Annotated[
         Path | None, Option(help="Number, dates, arm, laboratory, customer, persons, room, .toml.")
     ] = None,
     out: Annotated[Path | None, Option(help="Certificate to write, .xml.")] = None,
-    html: Annotated[Path | None, Option(help="The same for people, .html.")] = None,
+    page: options.Page = None,
     pdf: Annotated[Path | None, Option(help="The same for paper, .pdf: PDF/A-3 with the XML file inside.")] = None,
     logo: Annotated[Path | None, Option(help="With --pdf: the laboratory's logo, .png or .svg.")] = None,
-    sign: Annotated[
+    key: Annotated[
         Path | None,
-        Option(
-            help="Private key to sign the XML file with, .pem: RSA of 2048 bits or more, or an elliptic curve of 256 "
-            "bits or more."
-        ),
+        Option(help="Private key to sign with, .pem: RSA of 2048 bits or more, or an elliptic curve of 256 or more."),
     ] = None,
-    signer: Annotated[Path | None, Option(help="With --sign: the key's certificate, .pem.")] = None,
+    signer: Annotated[Path | None, Option(help="With --key: the key's certificate, .pem.")] = None,
     rule: RuleOption = None,
     unconfirmed: Annotated[
-        bool,
-        Option(
-            "--unconfirmed",
-            help="Certify although numbers of the plan are not confirmed: marked 'not for conformity decisions'.",
-        ),
+        bool, Option("--unconfirmed", help="Certify a plan that is not confirmed: 'not for conformity decisions'.")
     ] = False,
-    accept: AcceptOption = None,
+    accept: options.AcceptOption = None,
     template: Annotated[
         bool, Option("--template", help="Print a file to fill in for --about, and nothing else.")
     ] = False,
     read: Annotated[Path | None, Option(help="Read a certificate, .xml or .pdf, and verify its signature.")] = None,
-    trusted: Annotated[
-        Path | None,
-        Option(help="With --read: certificates that you trust, of the signer or of who issued the signer's, .pem."),
-    ] = None,
-    as_json: Json = False,
+    trusted: Trusted = None,
+    as_json: options.Json = False,
 ) -> None:
     """State a verification as a calibration certificate.
 
@@ -79,28 +73,32 @@ def certificate(
         _check_reads_only(context)
         _print_read(read, trusted, as_json)
         return
-    for option, other, value in (("logo", "pdf", pdf), ("sign", "signer", signer), ("signer", "sign", sign)):
+    for option, other, value in (("logo", "pdf", pdf), ("key", "signer", signer), ("signer", "key", key)):
         if value is None:
-            refuse_typed(context, [option], f"applies to --{other} only", hint=f"add --{other}")
-    refuse_typed(context, ["trusted"], "applies to --read only", hint="add --read")
-    given = {"--points": points, "--artefacts": artefacts, "--mpe": mpe, "--about": about, "--out": out}
-    points_file, artefacts_file, mpe_file, about_file, certificate_file = _needed({"--plan": plan or None}, given)
+            options.refuse_typed(context, [option], f"applies to --{other} only", hint=f"add --{other}")
+    options.refuse_typed(context, ["trusted"], "applies to --read only", hint="add --read")
+    files = (plan, points, artefacts, mpe, about, out)
+    for option, file in zip(NEEDED, files, strict=True):
+        if file is None:
+            make = "--template > about.toml" if option == "--about" else "--help"
+            raise InputError(f"{option} is missing", hint=f"truearm certificate {make}")
     from truearm.wings.laboratory.verbs.certificate import certificate as stated
     from truearm.wings.laboratory.verbs.certificate import check_certificate_paths
     from truearm.wings.laboratory.verbs.verify import verify
 
-    inputs = (Path(plan), points_file, as_found, artefacts_file, mpe_file, about_file, logo, sign, signer)
-    check_certificate_paths(certificate_file, html, pdf, *inputs)
-    signing = None if sign is None or signer is None else _signer(sign, signer)
-    given_points = [points_file] if as_found is None else [points_file, as_found]
-    results = [
-        verify(file, plan=plan, artefacts=artefacts_file, specification=mpe_file, rule=rule, accept=accept)
-        for file in given_points
-    ]
-    before = None if as_found is None else results[1]
-    result = stated(results[0], about_file, as_found=before, unconfirmed=unconfirmed, accept=accept)
-    result.save(certificate_file, html, pdf=pdf, logo=logo, signer=signing)
-    print_record(result, as_json=as_json, files={"certificate": out, "page": html, "PDF": pdf})
+    _, measured, of_artefacts, specification, administrative, file_out = (Path(one) for one in files if one is not None)
+    inputs = (plan, measured, as_found, of_artefacts, specification, administrative, logo, key, signer)
+    check_certificate_paths(file_out, page, pdf, *inputs)
+    signing = None if key is None or signer is None else _signer(key, signer)
+
+    def verified(measured: Path) -> VerificationResult:
+        given: dict[str, Any] = {"artefacts": of_artefacts, "specification": specification, "rule": rule}
+        return verify(measured, plan=str(plan), accept=accept, **given)
+
+    after, before = verified(measured), None if as_found is None else verified(as_found)
+    result = stated(after, administrative, as_found=before, unconfirmed=unconfirmed, accept=accept)
+    result.save(file_out, page, pdf=pdf, logo=logo, signer=signing)
+    print_record(result, as_json=as_json, files={"certificate": out, "page": page, "PDF": pdf})
 
 
 def _print_read(file: Path, trusted: Path | None, as_json: bool) -> None:
@@ -114,14 +112,8 @@ def _print_read(file: Path, trusted: Path | None, as_json: bool) -> None:
     except (BrokenSignature, UnverifiedSignature) as error:
         broken = isinstance(error, BrokenSignature)
         if as_json:
-            print_json(
-                {
-                    "signature": {
-                        "answer": BROKEN if broken else NOT_VERIFIABLE,
-                        "reason": error.problem.partition(": ")[2],
-                    }
-                }
-            )
+            answer = BROKEN if broken else NOT_VERIFIABLE
+            print_json({"signature": {"answer": answer, "reason": error.problem.partition(": ")[2]}})
         print_status(f"truearm: {error}")
         raise typer.Exit(1 if broken else 3) from None
     print_record(result, as_json=as_json)
@@ -129,18 +121,9 @@ def _print_read(file: Path, trusted: Path | None, as_json: bool) -> None:
         raise typer.Exit(3)
 
 
-def _needed(plan: dict[str, str | None], files: dict[str, Path | None]) -> tuple[Path, ...]:
-    """The files that a certificate needs, if the plan and all of them are given."""
-    for option, value in (plan | files).items():
-        if value is None:
-            hint = "truearm certificate --template > about.toml" if option == "--about" else None
-            raise InputError(f"{option} is missing", hint=hint or "truearm certificate --help")
-    return tuple(file for file in files.values() if file is not None)
-
-
 def _check_reads_only(context: typer.Context) -> None:
     """Check that no option of a new certificate is given with --read: it would have no effect."""
-    typed = typed_options(context)
+    typed = options.typed_options(context)
     if surplus := [option for name, option in typed.items() if name not in ("read", "trusted", "as_json")]:
         raise InputError(
             f"{', '.join(surplus)} has no effect with --read", hint="use --read with --trusted or --json only"

@@ -11,8 +11,8 @@ from typer import Argument, Option
 
 from truearm.errors import InputError
 from truearm.pages.drawings.page_record import check_page_path
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import AcceptOption, Json, LengthsFile, ModelFile, refuse_typed
 from truearm.verbs.outputs import check_output_is_not_input
 
 if TYPE_CHECKING:
@@ -24,9 +24,6 @@ CheckedSession = Annotated[
 RetiredOption = Annotated[
     list[str] | None, Option(help="Artefact that was repaired or replaced, and is no longer assessed.")
 ]
-LimitsFile = Annotated[Path | None, Option(help="The arm's specification: limits for the values, .toml.")]
-CheckDate = Annotated[str | None, Option(help="Date of the check: 2026-11-03 or 2026-11-03T08:30; now by default.")]
-ChartsPage = Annotated[Path | None, Option(help="Page with the trend charts to write, .html.")]
 WithdrawOption = Annotated[
     str | None, Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history.")
 ]
@@ -35,18 +32,18 @@ ReasonOption = Annotated[str | None, Option(help="With --withdraw: what was wron
 
 def check(
     context: typer.Context,
-    model: ModelFile,
+    model: options.ModelFile,
     history: Annotated[Path, Option(help="File of the checks so far, .sqlite; the first check creates it.")],
     session: CheckedSession = None,
-    lengths: LengthsFile = None,
+    lengths: options.LengthsFile = None,
     retired: RetiredOption = None,
-    mpe: LimitsFile = None,
-    date: CheckDate = None,
-    report: ChartsPage = None,
+    mpe: options.MpeFile = None,
+    date: options.Date = None,
+    page: options.Page = None,
     withdrawn: WithdrawOption = None,
     reason: ReasonOption = None,
-    accept: AcceptOption = None,
-    as_json: Json = False,
+    accept: options.AcceptOption = None,
+    as_json: options.Json = False,
 ) -> None:
     """Check whether the arm is still as it was identified.
 
@@ -56,7 +53,7 @@ def check(
     if it comes with more, such as --lengths.
 
     --withdraw 12 --reason "the ball was dirty", without a session: check 12 no longer counts. It stays in the history
-    with the reason, and on the page (--report), struck through. Exit code 0.
+    with the reason, and on the page (--page), struck through. Exit code 0.
 
     Exit code 0: no need; 1: recalibrate; 3: undecided (repeat the check), or not enough checks.
     """
@@ -64,23 +61,23 @@ def check(
     from truearm.wings.laboratory.verbs.check import withdraw_check
 
     if withdrawn is not None:
-        given = needed_reason(context, reason)
-        check_page_path(report, model, history)
-        print_withdrawal(withdraw_check(model, history, withdrawn, reason=given), report, as_json=as_json)
+        stated = needed_reason(context, reason)
+        check_page_path(page, model, history)
+        print_withdrawal(withdraw_check(model, history, withdrawn, reason=stated), page, as_json=as_json)
         return
     file = needed_session(context, session, "truearm check MODEL SESSION --history HISTORY")
     files = (model, file, lengths, mpe)
     check_output_is_not_input(history, *files)
-    check_page_path(report, *files, history)
-    options: dict[str, Any] = {"lengths": lengths, "specification": mpe, "retired": retired or ()}
-    print_check(
-        lambda: checked(model, file, history, **options, date=date, accept=accept), file, report, as_json=as_json
-    )
+    check_page_path(page, *files, history)
+    given: dict[str, Any] = {"lengths": lengths, "specification": mpe, "retired": retired or ()}
+    print_check(lambda: checked(model, file, history, **given, date=date, accept=accept), file, page, as_json=as_json)
 
 
 def needed_reason(context: typer.Context, reason: str | None) -> str:
     """The reason of a withdrawal, with which no option of a check is given."""
-    refuse_typed(context, ("session", "lengths", "retired", "mpe", "date", "accept"), "does not apply to --withdraw")
+    options.refuse_typed(
+        context, ("session", "lengths", "retired", "mpe", "date", "accept"), "does not apply to --withdraw"
+    )
     if reason is None:
         raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
     return reason
@@ -88,26 +85,26 @@ def needed_reason(context: typer.Context, reason: str | None) -> str:
 
 def needed_session(context: typer.Context, session: Path | None, hint: str) -> Path:
     """The session of a check, with which no option of a withdrawal is given."""
-    refuse_typed(context, ["reason"], "applies to --withdraw only")
+    options.refuse_typed(context, ["reason"], "applies to --withdraw only")
     if session is None:
         raise InputError("the session is missing", hint=hint)
     return session
 
 
-def print_check(checked: Callable[[], CheckResult], session: Path, report: Path | None, *, as_json: bool) -> None:
+def print_check(checked: Callable[[], CheckResult], session: Path, page: Path | None, *, as_json: bool) -> None:
     """Make a check, write its page, print it, and exit with what it says."""
     from truearm.wings.laboratory.monitor.assessment import RecalibrationAdvice
 
     with progress(f"checking {session.name}"):
         result = checked()
-        if report is not None:
-            result.save_page(report)
-    print_record(result, as_json=as_json, files={"page": report})
+        if page is not None:
+            result.save_page(page)
+    print_record(result, as_json=as_json, files={"page": page})
     raise typer.Exit({RecalibrationAdvice.NO: 0, RecalibrationAdvice.YES: 1}.get(result.recalibrate, 3))
 
 
-def print_withdrawal(result: WithdrawalResult, report: Path | None, *, as_json: bool) -> None:
+def print_withdrawal(result: WithdrawalResult, page: Path | None, *, as_json: bool) -> None:
     """Print a withdrawal, and write its page."""
-    if report is not None and result.assessment is not None:
-        result.save_page(report)
-    print_record(result, as_json=as_json, files={"page": None if result.assessment is None else report})
+    if page is not None and result.assessment is not None:
+        result.save_page(page)
+    print_record(result, as_json=as_json, files={"page": None if result.assessment is None else page})

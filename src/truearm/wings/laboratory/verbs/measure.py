@@ -71,7 +71,8 @@ def measure(
         Diameter of the stylus tip, which enlarges a sphere and narrows a circle or cylinder (bore) [mm]; 0 for
         coordinates of what is touched.
     repeatability_mm : float, optional
-        Standard deviation of a coordinate when a point is measured again in the same pose [mm]; see `task`.
+        Measured standard deviation of a coordinate when a point is measured again in the same pose [mm]. Without it the
+        uncertainty of means is overestimated.
     n_arms : int
         Number of arms to draw.
     seed : int

@@ -2,40 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Any
 
-from typer import Option
-
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import AcceptOption, Json, ModelFile, Seed, SessionFile
-from truearm.wings.laboratory import MeasuredKind
-from truearm.wings.laboratory.verbs.task_command import DrawnArms, millimetres
+from truearm.verbs.signature import of_verb
 
 
+@of_verb("truearm.wings.laboratory.verbs.measure:measure")
 def measure(
-    model: ModelFile,
-    session: SessionFile,
-    feature: Annotated[MeasuredKind, Option(help="What the points lie on.")] = "sphere",
-    tip: Annotated[
-        float,
-        Option(
-            "--tip-diameter",
-            parser=millimetres,
-            help="Diameter of the stylus tip [mm], which enlarges a sphere and narrows a circle or cylinder (bore).",
-        ),
-    ] = 0.0,
-    repeatability: Annotated[
-        float | None,
-        Option(
-            parser=millimetres,
-            help="Measured standard deviation of a coordinate when a point is measured again in the same pose [mm]. "
-            "Without it the uncertainty of means is overestimated.",
-        ),
-    ] = None,
-    arms: DrawnArms = 1000,
-    seed: Seed = 0,
-    accept: AcceptOption = None,
-    as_json: Json = False,
+    verb: Any, model: options.ModelFile, session: options.SessionFile, as_json: options.Json = False, **given: Any
 ) -> None:
     """Measure a length, sphere, plane, circle, cylinder or cone.
 
@@ -44,18 +20,6 @@ def measure(
     centres is measured too, of planes, cylinders and cones distance and angle. The uncertainty is that of the arm, by
     the simulation of `truearm task` at the measured poses, together with the scatter of the points.
     """
-    from truearm.wings.laboratory.verbs.measure import measure as measured
-
-    with progress(f"measuring a {feature}", total=arms) as tell:
-        result = measured(
-            model,
-            session,
-            feature,
-            tip_diameter_mm=tip,
-            repeatability_mm=repeatability,
-            n_arms=arms,
-            seed=seed,
-            accept=accept,
-            progress=tell,
-        )
+    with progress(f"measuring a {given['feature']}", total=given["n_arms"]) as tell:
+        result = verb(model, session, **given, progress=tell)
     print_record(result, as_json=as_json)

@@ -180,8 +180,8 @@ def task(
     arm : Arm, str or path, optional
         The nominal arm of a preset or a specification; by default ``measuring7``.
     repeatability_mm : float, optional
-        Of a model: standard deviation of a coordinate when a point is measured again in the same pose [mm]. Without it
-        no error counts as random, and the uncertainty of means of many points is overestimated.
+        Measured standard deviation of a coordinate when a point is measured again in the same pose [mm], of a model.
+        Without it no error counts as random, and the uncertainty of means is overestimated.
     conditions : {"reproducibility", "repeatability"}
         Of a model: what the uncertainty is for (`Compensator.under`), any day, or the day and set-up of the training
         readings. A preset and a specification have one.

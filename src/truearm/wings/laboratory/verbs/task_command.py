@@ -3,137 +3,78 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
 
 from truearm.errors import InputError
 from truearm.pages.drawings.page_record import check_page_path
+from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.options import ConditionsOption, Json, Seed, numbers_of
+from truearm.verbs.signature import of_verb
 from truearm.wings.laboratory import FeatureKind
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
 
 
-DrawnArms = Annotated[int, Option("--arms", help="Number of arms to draw.")]
-
-
-def millimetres(text: str) -> float:
-    """A number of an option, in mm."""
-    return _number(text, "a number in mm with a decimal point, as 0.2")
-
-
-def width(text: str) -> float:
-    """The width of a tolerance [mm]."""
-    return _number(text, "its width in mm with a decimal point, 0.2 for +-0.1 mm")
-
-
-def _number(text: str, expected: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise typer.BadParameter(f"expected {expected}, got {text!r}") from None
-
-
+@of_verb("truearm.wings.laboratory.verbs.task:task", omit=("size_mm", "second"))
 def task(
+    verb: Any,
     what: Annotated[
         str | None, Argument(metavar="MODEL|PRESET", help="A model file, or a preset of virtual arms: shop, research.")
     ] = None,
     feature: Annotated[FeatureKind, Option(help="What is measured.")] = "length",
-    length: Annotated[
-        float | None, Option(parser=millimetres, help="Nominal length, or distance of two planes [mm].")
-    ] = None,
-    diameter: Annotated[
-        float | None, Option(parser=millimetres, help="Nominal diameter of a sphere, circle, cylinder or cone [mm].")
-    ] = None,
-    size: Annotated[
-        float | None, Option(parser=millimetres, help="Side of a square plane; of a distance of two planes 50 [mm].")
-    ] = None,
-    depth: Annotated[float | None, Option(parser=millimetres, help="Depth of a cylinder (50) [mm].")] = None,
+    length: Annotated[float | None, Option(help="Nominal length, or distance of two planes [mm].")] = None,
+    diameter: Annotated[float | None, Option(help="Diameter of a sphere, circle, cylinder or cone [mm].")] = None,
+    size: Annotated[float | None, Option(help="Side of a square plane; of a distance of two planes 50 [mm].")] = None,
+    depth: Annotated[float | None, Option(help="Depth of a cylinder (50) [mm].")] = None,
     angle: Annotated[float | None, Option(help="Angle of a cone or of two planes (90) [deg].")] = None,
     at: Annotated[
         list[str] | None,
-        Option(
-            help="Middle of the feature, X,Y,Z [mm] in the arm's base frame (the middle of the usual working volume). "
-            "Given twice: the two seats of a length."
-        ),
+        Option(help="Middle of the feature X,Y,Z [mm] in the arm's base frame; given twice: both seats of a length."),
     ] = None,
     along: Annotated[
         str | None,
         Option(help="Direction X,Y,Z of a length (across the front), normal of a plane, axis (up), edge of an angle."),
     ] = None,
-    points: Annotated[
-        int | None, Option(help="Points in all: 25, of two planes 24; of a length 2, half of them at each end.")
-    ] = None,
-    tolerance: Annotated[
-        float | None, Option(parser=width, help="Width of the tolerance zone [mm]: 0.1 for +-0.05 mm.")
-    ] = None,
-    spec: Annotated[Path | None, Option(help="An arm's specification instead of a model or preset, .toml.")] = None,
-    arm: Annotated[
-        str | None, Option(help="Nominal arm of a preset or a specification: a name or a file (measuring7).")
-    ] = None,
-    repeatability: Annotated[
-        float | None,
-        Option(
-            parser=millimetres,
-            help="With a model: measured standard deviation of a coordinate when a point is measured again in the same "
-            "pose [mm]. Without it no error counts as random, and the uncertainty of means is overestimated.",
-        ),
-    ] = None,
-    conditions: ConditionsOption = "reproducibility",
-    arms: DrawnArms = 1000,
-    seed: Seed = 0,
-    report: Annotated[Path | None, Option(help="Page to write, .html.")] = None,
-    as_json: Json = False,
+    specification: options.MpeFile = None,
+    page: options.Page = None,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Estimate the uncertainty of measuring a length or a shape.
 
     With --tolerance, also decide whether the arm is fit for it. truearm draws many arms that may be the one in
     question; each measures the feature, with systematic errors drawn once per arm and random errors drawn per point.
-    With a model: arms from its posterior. With a preset: virtual arms. With --spec: arms whose worst test result is
-    half to all of its limit.
+    With a model: arms from its posterior. With a preset: virtual arms. With --mpe, a specification: arms whose worst
+    test result is half to all of its limit.
 
     Exit code with --tolerance, 0: fit; 1: not fit; 3: only with guard bands. Without, 0.
     """
-    from truearm.wings.laboratory.verbs.task import task as estimated
-
-    check_page_path(report, what, spec, arm)
+    check_page_path(page, what, specification, given["arm"])
     sizes = _sizes(feature, {"length": length, "diameter": diameter, "size": size, "depth": depth, "angle": angle})
-    with progress(f"measuring a {feature}", total=arms) as tell:
-        result = estimated(
-            _source(what, spec),
-            feature,
-            sizes[0],
-            tolerance_mm=tolerance,
-            at=_places(feature, at or []),
-            along=None if along is None else _vector("--along", along),
-            n_points=points,
-            second=sizes[1],
-            arm=arm,
-            repeatability_mm=repeatability,
-            conditions=conditions,
-            n_arms=arms,
-            seed=seed,
-            progress=tell,
-        )
-        if report is not None:
-            result.save_page(report)
-    print_record(result, as_json=as_json, files={"page": report})
+    with progress(f"measuring a {feature}", total=given["n_arms"]) as tell:
+        direction = None if along is None else _vector("--along", along)
+        of_feature = {"at": _places(feature, at or []), "along": direction, "second": sizes[1]}
+        source = _source(what, specification)
+        result = verb(source, feature, sizes[0], **of_feature, **given, progress=tell)
+        if page is not None:
+            result.save_page(page)
+    print_record(result, as_json=as_json, files={"page": page})
     if result.fitness is not None:
         raise typer.Exit(CODES[result.fitness.answer.value])
 
 
 def _source(what: str | None, spec: Path | None) -> str | Path:
 
-    given = [one for one in (what, spec) if one is not None]
-    if len(given) != 1:
+    stated = [one for one in (what, spec) if one is not None]
+    if len(stated) != 1:
         raise InputError(
-            "expected one of a model, a preset and --spec",
-            hint="a model file, perfect, research, shop, worn, printed, or --spec",
+            "expected one of a model, a preset and --mpe",
+            hint="a model file, perfect, research, shop, worn, printed, or --mpe",
         )
-    return given[0]
+    return stated[0]
 
 
 def _sizes(feature: str, sizes: dict[str, float | None]) -> tuple[float | None, float | None]:
@@ -160,7 +101,7 @@ def _vector(option: str, text: str) -> list[float]:
     """Three finite numbers."""
     from math import isfinite
 
-    numbers = numbers_of(text, option, "600,0,300")
+    numbers = options.numbers_of(text, option, "600,0,300")
     if len(numbers) != 3 or not all(map(isfinite, numbers)):
         raise InputError(f"{option} expects three numbers X,Y,Z, got {text!r}", hint=f"{option} 600,0,300")
     return numbers

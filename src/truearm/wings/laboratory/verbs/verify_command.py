@@ -7,121 +7,95 @@ from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
-from typer.core import TyperGroup
 
 from truearm.errors import InputError
 from truearm.pages.drawings.page_record import check_page_path
+from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record, progress
-from truearm.verbs.options import AcceptOption, ConditionsOption, Force, Json, ModelFile, refuse_typed
 from truearm.verbs.outputs import check_new_output, check_output_is_not_input
+from truearm.verbs.signature import Group, of_verb
 from truearm.wings.laboratory import DecisionRule, TemplateKind
 
-ArtefactsFile = Annotated[Path | None, Option(help="Certificates of the artefacts, .toml.")]
-MpeFile = Annotated[Path | None, Option(help="The arm's specification: its limits and measuring range, .toml.")]
 RuleOption = Annotated[
     DecisionRule | None, Option(help="Decision rule; by default that of the plan. simple ignores a small uncertainty.")
 ]
 
-# Options of earlier releases that are commands now.
-COMMANDS_NOW = {
-    "--simulate": "simulate MODEL|PRESET",
-    "--sheet": "sheet PLAN --out sheet.html",
-    "--print-plan": "plan NAME",
-    "--template": "template artefacts",
-    "--artefacts-from": "artefacts CERTIFICATE",
-}
+TestPlan = Annotated[
+    str | None, Option("--test-plan", help="Test plan: iso10360-12, asme-b89.4.22, or a file of your own, .toml.")
+]
+MeasuredPoints = Annotated[Path | None, Option("--measured", help="Measured points, .csv.")]
+Trusted = Annotated[
+    Path | None, Option("--trusted", help="Certificates that you trust, of the signer or of who issued theirs, .pem.")
+]
+PointsToFill = Annotated[Path, Option(help="Points to measure to fill in (truearm verify sheet), .csv.")]
+ArtefactTemperature = Annotated[float | None, Option(help="Temperature of the artefacts [degC].")]
+TipDiameter = Annotated[float | None, Option(min=0, help="Diameter of the stylus tip [mm].")]
 
-
-class _Ways(TyperGroup):
-    """The command and its ways, which says what became of an earlier spelling."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments, see click."""
-        for word, command in COMMANDS_NOW.items():
-            if any(given == word or given.startswith(f"{word}=") for given in args):
-                raise InputError(f"{word} is a command now", hint=f"truearm verify {command}")
-        parsed: list[str] = super().parse_args(ctx, args)
-        return parsed
-
-
-verify = typer.Typer(cls=_Ways, rich_markup_mode=None, invoke_without_command=True)
+verify = typer.Typer(cls=Group, rich_markup_mode=None, invoke_without_command=True)
 
 
 @verify.callback()
 def points_verified(
     context: typer.Context,
-    plan: Annotated[
-        str | None, Option(help="Test plan: iso10360-12, asme-b89.4.22, or a file of your own, .toml.")
-    ] = None,
-    points: Annotated[Path | None, Option(help="Measured points, .csv.")] = None,
-    artefacts: ArtefactsFile = None,
-    mpe: MpeFile = None,
+    plan: TestPlan = None,
+    points: MeasuredPoints = None,
+    artefacts: options.ArtefactsFile = None,
+    mpe: options.MpeFile = None,
     rule: RuleOption = None,
-    accept: AcceptOption = None,
-    report: Annotated[Path | None, Option(help="Page to write, .html: values, budgets, artefacts, decision.")] = None,
-    as_json: Json = False,
+    accept: options.AcceptOption = None,
+    page: options.Page = None,
+    as_json: options.Json = False,
 ) -> None:
     """Verify an arm by the tests of a standard.
 
-    --plan, --points, --artefacts and --mpe verify measured points, which may come from any program. Each test value is
-    printed with its expanded uncertainty U, its limit and the verdict by ISO 14253-1 (--rule). Exit code 0: conform;
-    1: not conform; 3: undecided, or not for conformity decisions, as nobody has confirmed the numbers of the plan.
+    --test-plan, --measured, --artefacts and --mpe verify measured points, which may come from any program. Each test
+    value is printed with its expanded uncertainty U, its limit and the verdict by ISO 14253-1 (--rule). Exit code 0:
+    conform; 1: not conform; 3: undecided, or not for conformity decisions, as nobody has confirmed the numbers of the
+    plan.
 
     The commands below come before: a simulation of the test, the sheet to measure by, and files to fill in.
     """
     if context.invoked_subcommand is not None:
         rule_of_place = f"applies to measured points, not to {context.invoked_subcommand}"
-        refuse_typed(context, context.params, rule_of_place, hint=f"truearm verify {context.invoked_subcommand} --help")
+        options.refuse_typed(
+            context, context.params, rule_of_place, hint=f"truearm verify {context.invoked_subcommand} --help"
+        )
         return
     if points is None or plan is None or artefacts is None or mpe is None:
-        needed = {"--points": points, "--plan": plan, "--artefacts": artefacts, "--mpe": mpe}
-        missing = ", ".join(name for name, given in needed.items() if given is None)
+        needed = {"--measured": points, "--test-plan": plan, "--artefacts": artefacts, "--mpe": mpe}
+        missing = ", ".join(name for name, stated in needed.items() if stated is None)
         raise InputError(f"expected {missing}", hint="truearm verify --help")
     from truearm.wings.laboratory.standards.decision import Verdict
     from truearm.wings.laboratory.verbs.verify import verify as verified
 
-    check_page_path(report, plan, points, artefacts, mpe)
+    check_page_path(page, plan, points, artefacts, mpe)
     result = verified(points, plan=plan, artefacts=artefacts, specification=mpe, rule=rule, accept=accept)
-    if report is not None:
-        result.save_page(report)
-    print_record(result, as_json=as_json, files={"page": report})
+    if page is not None:
+        result.save_page(page)
+    print_record(result, as_json=as_json, files={"page": page})
     raise typer.Exit({Verdict.CONFORM: 0, Verdict.NOT_CONFORM: 1}.get(result.verdict, 3))
 
 
 @verify.command()
+@of_verb("truearm.wings.laboratory.verbs.simulate_verification:simulate_verification")
 def simulate(
+    verb: Any,
     model: Annotated[
         str,
         Argument(metavar="MODEL|PRESET", help="A model file, or research, shop, worn, printed or perfect."),
     ],
-    plan: Annotated[str, Option(help="Test plan, by name or file.")] = "iso10360-12",
-    artefacts: ArtefactsFile = None,
-    mpe: MpeFile = None,
+    plan: TestPlan = "iso10360-12",
     rule: RuleOption = None,
-    arm: Annotated[str | None, Option(help="With a preset: the nominal arm (measuring7).")] = None,
-    arms: Annotated[int, Option(min=1, max=100_000, help="Number of arms.")] = 100,
-    seed: Annotated[int, Option(min=0, help="Of arms, poses and noise.")] = 0,
-    as_json: Json = False,
+    as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Simulate the test with virtual arms.
 
     Before anything is measured. Artefacts and limits are examples where they are not given. Exit code 0, whatever the
     arms obtain.
     """
-    from truearm.wings.laboratory.verbs.simulate_verification import simulate_verification
-
-    with progress(f"simulating the test with {arms} virtual arms", arms) as tell:
-        simulated = simulate_verification(
-            model,
-            arm=arm,
-            plan=plan,
-            artefacts=artefacts,
-            specification=mpe,
-            rule=rule,
-            n_arms=arms,
-            seed=seed,
-            progress=tell,
-        )
+    with progress(f"simulating the test with {given['n_arms']} virtual arms", given["n_arms"]) as tell:
+        simulated = verb(model, plan=plan, rule=rule, **given, progress=tell)
     print_record(simulated, as_json=as_json)
 
 
@@ -129,47 +103,45 @@ def simulate(
 def sheet(
     context: typer.Context,
     plan: Annotated[str, Argument(help="Test plan, by name or file.")],
-    out: Annotated[Path, Option(help="Page to write, .html.")],
-    points: Annotated[Path | None, Option(help="Points to measure, to write too, .csv.")] = None,
-    artefacts: ArtefactsFile = None,
-    mpe: MpeFile = None,
-    tip_diameter: Annotated[float | None, Option(min=0, help="With --points: diameter of the stylus tip [mm].")] = None,
-    force: Force = False,
+    page: Annotated[Path, Option(help="Page to write, .html.")],
+    out: Annotated[Path | None, Option(help="Points to measure, to write too, .csv.")] = None,
+    artefacts: options.ArtefactsFile = None,
+    mpe: options.MpeFile = None,
+    tip_diameter: TipDiameter = None,
+    force: options.Force = False,
 ) -> None:
     """Write the operator's sheet of a plan.
 
     Places, directions, order: a page to print and to measure by, for the artefacts and the measuring range of
-    --artefacts and --mpe. --points writes the points to measure, a row for each with all names filled in; truearm
+    --artefacts and --mpe. --out writes the points to measure, a row for each with all names filled in; truearm
     verify fill enters the coordinates.
     """
     from truearm.wings.laboratory.verbs.operator_sheet import operator_sheet
 
-    if points is None:
-        refuse_typed(context, ("tip_diameter", "force"), "applies to --points only")
-    check_page_path(out, plan, artefacts, mpe)
-    if points is not None:
-        check_new_output(points, plan, artefacts, mpe, force=force, endings=(".csv",))
+    if out is None:
+        options.refuse_typed(context, ("tip_diameter", "force"), "applies to --out only")
+    check_page_path(page, plan, artefacts, mpe)
+    if out is not None:
+        check_new_output(out, plan, artefacts, mpe, force=force, endings=(".csv",))
     laid_out = operator_sheet(plan, artefacts=artefacts, specification=mpe)
-    if points is not None:
-        laid_out.save_points(points, tip_diameter_mm=tip_diameter, force=force)
-    laid_out.save_page(out)
-    print_line(f"{out}: {laid_out}")
-    if points is not None:
-        print_line(f"points to measure written to {points}")
+    if out is not None:
+        laid_out.save_points(out, tip_diameter_mm=tip_diameter, force=force)
+    laid_out.save_page(page)
+    print_line(f"{page}: {laid_out}")
+    if out is not None:
+        print_line(f"points to measure written to {out}")
 
 
 @verify.command()
 def fill(
-    model: ModelFile,
-    session: Annotated[
-        Path, Argument(metavar="SESSION", help="Session file: its angles at the points, in their order.")
-    ],
-    into: Annotated[Path, Option(help="Points to measure (truearm verify sheet), .csv.")],
-    date: Annotated[str | None, Option(help="Day of the measurement, 2026-11-03; today by default.")] = None,
-    artefact_temperature: Annotated[float | None, Option(help="Temperature of the artefacts [degC].")] = None,
-    conditions: ConditionsOption = "reproducibility",
-    accept: AcceptOption = None,
-    as_json: Json = False,
+    model: options.ModelFile,
+    session: options.SessionFile,
+    into: PointsToFill,
+    date: options.Date = None,
+    artefact_temperature: ArtefactTemperature = None,
+    conditions: options.ConditionsOption = "reproducibility",
+    accept: options.AcceptOption = None,
+    as_json: options.Json = False,
 ) -> None:
     """Fill in points to measure with a model.
 
@@ -217,9 +189,9 @@ def fill_in_artefacts(
             help="Which result is the diameter, length or form, as 'diameter=Mean diameter'.",
         ),
     ] = None,
-    trusted: Annotated[Path | None, Option(help="The signer's certificate that you trust, .pem.")] = None,
-    force: Force = False,
-    as_json: Json = False,
+    trusted: Trusted = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Fill in --artefacts from a certificate (DCC).
 
@@ -228,7 +200,7 @@ def fill_in_artefacts(
     from truearm.wings.laboratory.verbs.artefacts_from_certificate import artefacts_from_certificate
 
     if out is None:
-        refuse_typed(context, ("force",), "applies to --out only")
+        options.refuse_typed(context, ("force",), "applies to --out only")
     pairs = [text.partition("=") for text in result or []]
     if wrong := ["".join(pair) for pair in pairs if not (pair[1] and pair[2])]:
         raise InputError(f"--result: expected ROLE=NAME, got {wrong[0]!r}", hint="--result 'diameter=Mean diameter'")

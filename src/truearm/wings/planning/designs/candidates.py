@@ -46,7 +46,9 @@ IN_A_BOX, NO_TABLE = "arm in a box to avoid or in the table", "artefact not on t
 ON_A_TABLE = Surroundings()
 """The arm's base is on the table that carries the artefacts."""
 
-_WHERE_TABLES_ARE = "check --table and --avoid: coordinates are from the centre of the base, x and y as in its arm file"
+_WHERE_TABLES_ARE = (
+    "check --table-top and --avoid: coordinates are from the centre of the base, x and y as in its arm file"
+)
 # Maximum draws of joint angles per pose; of a usual arm one in ten to one in a hundred is in the volume.
 _DRAWS = 2000
 _PLACES = 300  # maximum draws of places of a bar per place

@@ -159,7 +159,7 @@ def _on_sphere(
         if (reason == "").all() and surroundings.leaves_free(arm.chain, angles).all():
             return angles, centre
     raise InputError(
-        f"arm {arm.name!r} reaches no sphere of {diameter_mm:g} mm from all sides", hint="check --table and --avoid"
+        f"arm {arm.name!r} reaches no sphere of {diameter_mm:g} mm from all sides", hint="check --table-top and --avoid"
     )
 
 

@@ -82,7 +82,7 @@ class Artefact:
 
     def __post_init__(self) -> None:
         if self.kind == "bar" and self.length_mm is None:
-            raise InputError("a bar needs the length between its seats in mm", hint="--length 500")
+            raise InputError("a bar needs the length between its seats in mm", hint="--bar 500")
         if self.kind != "bar" and self.length_mm is not None:
             raise InputError(f"a length applies to the artefact bar only, not to {self.kind}", hint="--artefact bar")
         if self.kind == "tracker" and self.places:
@@ -275,7 +275,8 @@ class _Chooser:
         for technician in set(found.technician.tolist()):
             if (n := int((free & (found.technician == technician)).sum())) < self.n:
                 raise InputError(
-                    f"only {n} of {self.n} poses leave the table and the boxes free", hint="check --table and --avoid"
+                    f"only {n} of {self.n} poses leave the table and the boxes free",
+                    hint="check --table-top and --avoid",
                 )
         return found if free.all() else found.split_into_poses(np.flatnonzero(free))
 

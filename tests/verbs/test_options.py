@@ -1,0 +1,136 @@
+"""Options of the commands: one name is one thing, and what it was called before is answered."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Literal, get_args, get_origin
+
+import pytest
+
+from command_line import called, declared, functions
+from truearm.command_line import OTHER_NAMES
+from truearm.errors import InputError
+from truearm.verbs.signature import KINDS, of_verb, parameters_described
+
+# What an option means where commands say it in their own words.
+MEANINGS = {
+    "--arms": "number of arms",
+    "--bar": "length of a bar between its seats",
+    "--by": "what belongs together",
+    "--epochs": "maximum epochs of a training",
+    "--feature": "what is measured",
+    "--goal": "error at which a training stops",
+    "--hidden": "units of the hidden layers",
+    "--noise": "standard deviation of a coordinate",
+    "--into": "points to measure that are filled in",
+    "--out": "what the command writes",
+    "--points": "number of points",
+    "--repeatability": "standard deviation of a coordinate, measured again in the same pose",
+    "--seats": "number of seats",
+    "--session": "session file, of a fleet also a URL",
+    "--strategy": "how poses are chosen",
+    "--tip-diameter": "diameter of the stylus tip",
+    "--trainer": "trainer of a network",
+}
+
+
+def kind(types):
+    """What is typed: a choice is a text, several are given as one each, a parser may make anything of it."""
+    found = {str if isinstance(one, str) or get_origin(one) is Literal else one for one in types}
+    (typed,) = {one for one in found if one in (*KINDS.values(), Path)} or {str}
+    return typed
+
+
+def test_one_name_is_one_thing():
+    by_name = defaultdict(list)
+    for one in declared():
+        if one.name.startswith("--"):
+            by_name[one.name].append(one)
+    for name, all_of_it in by_name.items():
+        kinds = {kind(one.types) for one in all_of_it}
+        assert len(kinds) == 1 or (name == "--session" and kinds == {Path, str}), name
+        assert len({one.help for one in all_of_it}) == 1 or name in MEANINGS, name
+    said = {name for name, all_of_it in by_name.items() if len({one.help for one in all_of_it}) > 1}
+    assert said == MEANINGS.keys()
+
+
+def test_every_option_has_a_sentence():
+    for one in declared():
+        assert one.help.strip(), one
+        assert "`" not in one.help.replace("`truearm arms`", ""), one
+
+
+def test_what_an_option_was_called_is_answered_with_what_it_is_called(truearm):
+    known = {(one.command, one.name) for one in declared()}
+    commands = {name for name, _ in functions()} | {"fleet"}
+    for before, now in OTHER_NAMES.items():
+        command, _, option = before.rpartition(" ")
+        if not command:
+            assert now in commands
+            continue
+        assert (command, option) not in known, before
+        ran = truearm(*command.split(), option, "x")
+        assert (ran.code, ran.out) == (2, "")
+        if now.startswith("truearm "):
+            assert ran.err == f"truearm: {option} is a command now. Try: {now}\n"
+            assert any(now.startswith(f"truearm {one}") for one in commands), now
+        else:
+            name = now.partition(" ")[0]
+            assert ran.err == f"truearm: {option} is called {name} here. Try: truearm {command} {now}\n"
+            assert (command, name) in known, before
+
+
+Choice = Literal["a", "b"]
+
+
+def verb(what, *, n_arms: int = 3, size_mm: float | None = None, how: Choice | None = None, fast: bool = True):
+    """Do it.
+
+    Parameters
+    ----------
+    what : str
+        Of it.
+    n_arms : int
+        Number of ``arms``, and
+        no more.
+    size_mm, how : float, optional
+        Both of `it`.
+    fast : bool
+        Whether.
+
+    Returns
+    -------
+    None
+    """
+    return what, n_arms, size_mm, how, fast
+
+
+def test_a_command_has_the_options_of_its_verb():
+    assert parameters_described(verb) == {
+        "what": "Of it.",
+        "n_arms": "Number of arms, and no more.",
+        "size_mm": "Both of it.",
+        "how": "Both of it.",
+        "fast": "Whether.",
+    }
+    found = []
+
+    def command(verb, what: str, as_json: bool = False, **given: object) -> None:
+        found.append(verb(what, **given))
+
+    complete = of_verb(f"{__name__}:verb", within={"n_arms": (1, 9)})(command).with_options()
+    options = {name: one.annotation for name, one in signature(complete).parameters.items()}
+    assert list(options) == ["what", "n_arms", "size_mm", "how", "fast", "as_json"]
+    names = {name: get_args(options[name])[1].default for name in ("n_arms", "size_mm", "how", "fast")}
+    assert names == {"n_arms": "--arms", "size_mm": "--size", "how": "--how", "fast": "--fast/--no-fast"}
+    assert get_args(options["n_arms"])[1].max == 9
+    assert all(one.kind is Parameter.KEYWORD_ONLY for one in signature(complete).parameters.values())
+    complete(what="x", n_arms=4, size_mm=None, how="a", fast=False)
+    assert found == [("x", 4, None, "a", False)]
+
+
+def test_a_command_refuses_what_its_verb_refuses():
+    with pytest.raises(InputError, match="expected 1 to 100000 virtual arms, got 0"):
+        called("verify", "simulate", "shop", arms=0)
