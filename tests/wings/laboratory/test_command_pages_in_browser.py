@@ -17,7 +17,7 @@ COMMANDS = {
     "report": ["report", "nominal.truearm", "kinematic.truearm", "test.csv", "--page", "report.html"],
     "sheet": ["verify", "sheet", "iso10360-12", "--page", "sheet.html", "--tip-diameter", 6, *VERIFIED[4:]],
     "verification": ["verify", *VERIFIED, "--page", "verification.html"],
-    "certificate": ["certificate", *VERIFIED, "--about", "about.toml", "--out", "c.xml", "--html", "certificate.html"],
+    "certificate": ["certificate", *VERIFIED, "--about", "about.toml", "--out", "c.xml", "--page", "certificate.html"],
     "check": ["check", "arm.truearm", "day01.csv", "--lengths", "bar.csv", "--history", "h.sqlite",
               "--page", "check.html"],
     "task": ["task", "shop", "--feature", "sphere", "--diameter", 25, "--arms", 100, "--page", "task.html"],
