@@ -174,7 +174,8 @@ class FaultCollector:
 
 
 def joined(faults: Sequence[InputError]) -> InputError | None:
-    """The error of some faults: None of none, itself of one, `SeveralFaults` of more."""
+    """The error of some faults, each said once: None of none, itself of one, `SeveralFaults` of more."""
+    faults = list({str(fault): fault for fault in faults}.values())
     if len(faults) > 1:
         return SeveralFaults(faults)
     return faults[0] if faults else None
