@@ -258,6 +258,17 @@ class Procedure:
         return f"{text} " + ("More readings will help." if self.is_falling else "More readings hardly help.")
 
 
+def _with_fewer_readings(run: CrossValidation, chosen: SettingResult) -> list[SettingResult]:
+    """The chosen network, trained with an eighth, a quarter and half of the readings."""
+    rows = []
+    for amount in (n for k in (8, 4, 2) if (n := chosen.n_train // k) >= LEAST_READINGS):
+        try:
+            rows.append(run.result(chosen.setting, amount)[0])
+        except InputError:  # of one position, for example
+            continue
+    return rows
+
+
 def run_procedure(
     arm: Arm,
     readings: Session,
@@ -300,12 +311,7 @@ def run_procedure(
     run.total = sum(times) + max(times)  # last the chosen network, with fewer readings and with all
     held_out = dict(run.result(setting) for setting in settings)
     chosen = min(held_out, key=lambda row: row.errors.mean_mm)
-    amounts = []
-    for amount in (n for k in (8, 4, 2) if (n := chosen.n_train // k) >= LEAST_READINGS):
-        try:
-            amounts.append(run.result(chosen.setting, amount)[0])
-        except InputError:  # of one position, for example
-            continue
+    amounts = _with_fewer_readings(run, chosen)
     network = run.network(
         chosen.setting.model(arm, seed=grid.seed, free=free), chosen.setting, readings, f"{chosen.setting}, all"
     )

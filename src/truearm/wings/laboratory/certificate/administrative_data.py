@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime
 import re
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal
@@ -290,41 +291,47 @@ class AdministrativeData(Document):
         InputError
             If they do not.
         """
-        begin, end = measured
-        low, high = self.conditions.temperature_degC
-        faults, judged = [], []
+        found = FaultCollector()
+        for problem, hint in self._disorder(*measured, confirmed):
+            with found.collect():
+                raise InputError(problem, hint=hint)
+        for problem, hint in self._contradictions(serial_number, artefact_degC):
+            with found.collect():
+                contradict(InputError(problem, hint=hint))
+        found.raise_any()
+
+    def _disorder(
+        self, begin: datetime.date, end: datetime.date, confirmed: datetime.date | None
+    ) -> Iterator[tuple[str, str]]:
+        """Dates in a wrong order, each with what to try."""
+        if self.issued < end:
+            yield f"issued on {self.issued}, before the last points were measured on {end}", "correct the date issued"
+        if self.received is not None and self.received > begin:
+            problem = f"the arm was received on {self.received}, after points were measured on {begin}"
+            yield problem, "correct the date received"
+        if confirmed is not None and self.issued < confirmed:
+            problem = f"issued on {self.issued}, before the numbers of the test plan were confirmed on {confirmed}"
+            yield problem, "correct the date issued, or date under [confirmation] of the plan"
+
+    def _contradictions(
+        self, serial_number: str, artefact_degC: tuple[float, float] | None
+    ) -> Iterator[tuple[str, str]]:
+        """What the points contradict and a person may accept, each with what to try."""
         if serial_number and xml_text(serial_number) != self.item.serial_number:
             problem = (
                 "item.serial_number: the certificate is of the arm with serial number "
                 f"{self.item.serial_number!r:.80}, the points are of {serial_number!r:.80}"
             )
-            judged.append((problem, "give the points of this arm, or correct the number that is wrong"))
-        if self.issued < end:
-            faults.append(
-                (f"issued on {self.issued}, before the last points were measured on {end}", "correct the date issued")
-            )
-        if self.received is not None and self.received > begin:
-            problem = f"the arm was received on {self.received}, after points were measured on {begin}"
-            faults.append((problem, "correct the date received"))
-        if confirmed is not None and self.issued < confirmed:
-            problem = f"issued on {self.issued}, before the numbers of the test plan were confirmed on {confirmed}"
-            faults.append((problem, "correct the date issued, or date under [confirmation] of the plan"))
+            yield problem, "give the points of this arm, or correct the number that is wrong"
         humidity = self.conditions.relative_humidity_percent
         if humidity is not None and humidity[1] < LEAST_HUMIDITY_PERCENT:
             problem = f"relative_humidity_percent: {humidity[0]:g} to {humidity[1]:g} % is drier than any room"
-            judged.append((problem, "write it in per cent: [40.0, 55.0] for shares of 0.40 to 0.55"))
+            yield problem, "write it in per cent: [40.0, 55.0] for shares of 0.40 to 0.55"
+        low, high = self.conditions.temperature_degC
         coldest, warmest = artefact_degC or (low, high)
         if coldest < low - MOST_K_FROM_ROOM or warmest > high + MOST_K_FROM_ROOM:
             problem = f"the room was at {low:g} to {high:g} degC, artefacts at {coldest:g} to {warmest:g} degC"
-            judged.append((problem, "correct temperature_degC under [conditions], or artefact_degC of the points"))
-        found = FaultCollector()
-        for problem, hint in faults:
-            with found.collect():
-                raise InputError(problem, hint=hint)
-        for problem, hint in judged:
-            with found.collect():
-                contradict(InputError(problem, hint=hint))
-        found.raise_any()
+            yield problem, "correct temperature_degC under [conditions], or artefact_degC of the points"
 
 
 def read_administrative_data(path: str | Path) -> AdministrativeData:

@@ -343,17 +343,8 @@ def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
         yield _group(columns, test, identity, inside)
 
 
-def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[int]) -> PointGroup:
-    days = columns.words["date"][rows]
-    if (others := days != days[0]).any():
-        row = rows[int(np.argmax(others))]
-        raise columns.error(
-            f"points of one group were measured on {days[0]} and on {columns.words['date'][row]}",
-            row,
-            "date",
-            hint="measure a group on one day; correct the date if it is mistyped",
-        )
-    day = columns.parsed(parse_day, rows[0], "date")
+def _artefact_degC(columns: _Columns, test: str, rows: list[int]) -> float:
+    """Mean temperature of the artefact of a group of points [degC]; NaN if none is stated."""
     degC = columns.numbers[TEMPERATURE][rows]
     columns.refuse(
         np.isnan(degC) & (test in SIZE_TESTS),
@@ -369,6 +360,30 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
         ("expected the temperature of the artefact in degC, got ", ""),
         "convert from Fahrenheit: (F - 32) / 1.8",
     )
+    known = degC[~np.isnan(degC)]
+    if len(known) and np.ptp(known) > MAX_TEMPERATURE_SPREAD_K:
+        raise columns.error(
+            f"points of one group were measured at {known.min():g} and at {known.max():g} degC: no definite "
+            "temperature",
+            rows[0],
+            TEMPERATURE,
+            hint="measure the group again when the temperature of the artefact is stable",
+        )
+    return float(known.mean()) if len(known) else float("nan")
+
+
+def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[int]) -> PointGroup:
+    days = columns.words["date"][rows]
+    if (others := days != days[0]).any():
+        row = rows[int(np.argmax(others))]
+        raise columns.error(
+            f"points of one group were measured on {days[0]} and on {columns.words['date'][row]}",
+            row,
+            "date",
+            hint="measure a group on one day; correct the date if it is mistyped",
+        )
+    day = columns.parsed(parse_day, rows[0], "date")
+    degC = _artefact_degC(columns, test, rows)
     tip = np.nan_to_num(columns.numbers[TIP][rows])
     no_tip, in_mm = (f"expected {TIP_SIZES}, got ", ""), "write it in mm: 6 for a ball of 6 mm"
     columns.refuse(~is_tip_diameter(tip), rows, TIP, no_tip, in_mm)
@@ -384,20 +399,11 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
     first = np.argmax(far.any(axis=1))
     problem = (f"expected a coordinate within {FARTHEST_MM:g} mm, got ", " mm")
     columns.refuse(far.max(axis=1), rows, POINT[int(np.argmax(far[first]))], problem, "write coordinates in mm")
-    known = degC[~np.isnan(degC)]
-    if len(known) and np.ptp(known) > MAX_TEMPERATURE_SPREAD_K:
-        raise columns.error(
-            f"points of one group were measured at {known.min():g} and at {known.max():g} degC: no definite "
-            "temperature",
-            rows[0],
-            TEMPERATURE,
-            hint="measure the group again when the temperature of the artefact is stable",
-        )
     return PointGroup(
         artefact=identity[0],
         keys=dict(zip(KEY_COLUMNS[test], identity[1:], strict=True)),
         points=points,
-        degC=float(known.mean()) if len(known) else float("nan"),
+        degC=degC,
         tip_mm=float(tip[0]),
         date=day,
         lines=tuple(columns.sheet.first_line + row for row in rows),
