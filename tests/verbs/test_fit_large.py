@@ -9,11 +9,11 @@ import truearm as ta
 from truearm.errors import Contradiction, InputError
 from truearm.files.table_writer import table_writer
 from truearm.identification.judgement.gross_errors import gross_error_limit
-from truearm.models.input_ranges import InputRanges
 from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import large_sessions as module
 from truearm.readings.columns import session_columns
 from truearm.solve.executors import Processes
+from truearm.verbs.fit_sums import Spread
 
 N, PART = 24 * 1024, 4 * 1024
 RHO = 0.9
@@ -136,9 +136,9 @@ def test_conditions_are_those_of_all_readings(found, session):
     assert of_all.n_readings == whole.n_readings
     assert of_all.temperature_degC.mean == pytest.approx(whole.temperature_degC.mean)
     assert of_all.temperature_degC.variance == pytest.approx(whole.temperature_degC.variance, rel=1e-6)
-    a, b = (InputRanges.of(every.rows(rows)) for rows in np.split(np.arange(len(every)), [3000]))
-    both, of_every = (a + b).by_name["angles"], InputRanges.of(every).by_name["angles"]
-    assert np.allclose([*vars(both).values()], [*vars(of_every).values()])
+    a, b = map(Spread.of, np.split(every.angles, [3000]))
+    both, of_every = a + b, Spread.of(every.angles)
+    assert all(map(np.allclose, vars(both).values(), vars(of_every).values()))
 
 
 def test_a_nominal_arm_is_placed_by_all_readings(folder):

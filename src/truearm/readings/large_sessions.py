@@ -210,17 +210,31 @@ class LargeSession:
         In the order of the readings.
     columns : Columns
         Of the first file; the others have the same ones.
+    executor : Executor
+        Who reads the parts and computes of them.
+    progress : callable or None
+        Called with the number of readings done and a note.
     """
 
     path: Path
     parts: tuple[Part, ...]
     columns: Columns
+    executor: Executor
+    progress: Callable[[int, str], None] | None
 
     def __len__(self) -> int:
         return sum(part.n_readings for part in self.parts)
 
     @classmethod
-    def open(cls, path: str | Path, *, n_joints: int | None = None, part_bytes: int = PART_BYTES) -> LargeSession:
+    def open(
+        cls,
+        path: str | Path,
+        *,
+        n_joints: int | None = None,
+        part_bytes: int = PART_BYTES,
+        executor: Executor | None = None,
+        progress: Callable[[int, str], None] | None = None,
+    ) -> LargeSession:
         """Find the parts of a session.
 
         Parameters
@@ -232,6 +246,9 @@ class LargeSession:
             The arm's number of joints; any number by default.
         part_bytes : int
             Bytes of the lines of a part of a CSV file.
+        executor : Executor, optional
+            This process by default.
+        progress : callable, optional
 
         Raises
         ------
@@ -254,7 +271,7 @@ class LargeSession:
             parts += found
         if first is None or not sum(part.n_readings for part in parts):
             raise InputError("expected at least one reading, got none", file=path)
-        return cls(path, tuple(parts), first[1])
+        return cls(path, tuple(parts), first[1], executor or Serial(), progress)
 
     def table(self, readings: Session) -> dict[str, FloatArray | NameArray]:
         """Columns of some readings in a session file: the same for all parts, those without a point among them."""
@@ -264,15 +281,15 @@ class LargeSession:
         names += QUATERNION if self.columns.quaternion else []
         return found | {name: np.full(len(readings), np.nan) for name in names if name not in found}
 
-    def sample(self, n: int | None = None, executor: Executor | None = None) -> Session:
-        """Up to n readings, by default `SAMPLE`, evenly spaced in their order; an executor may read the parts."""
+    def sample(self, n: int | None = None) -> Session:
+        """Up to n readings, by default `SAMPLE`, evenly spaced in their order."""
         rows = np.unique(np.linspace(0, len(self) - 1, n or SAMPLE).astype(np.intp))
         limits = pairwise(accumulate((part.n_readings for part in self.parts), initial=0))
         chosen = [
             (part, a, rows[(rows >= a) & (rows < b)] - a) for part, (a, b) in zip(self.parts, limits, strict=True)
         ]
         tasks = [(part, own) for part, _, own in chosen if len(own)]
-        sessions = list(results_in_order(executor or Serial(), _rows_of_part, tasks))
+        sessions = list(results_in_order(self.executor, _rows_of_part, tasks))
         found = joined_sessions(sessions)
         if len({part.file for part in self.parts}) == 1:
             return found
@@ -281,31 +298,22 @@ class LargeSession:
         numbers = [cast(IntArray, one.numbers) + first for one, first in zip(sessions, firsts, strict=True)]
         return replace(found, numbers=np.concatenate(numbers), by_line=False, file=self.path)
 
-    def sums(
-        self,
-        works: Sequence[Callable[[Session, Part], S]],
-        executor: Executor | None,
-        progress: Callable[[int, str], None] | None,
-        *,
-        label: str = "",
-    ) -> Iterator[S]:
+    def sums(self, works: Sequence[Callable[[Session, Part], S]], label: str = "") -> Iterator[S]:
         """Iterate over the sums of the parts, in the order of the parts: what follows does not depend on the engine.
 
         Parameters
         ----------
         works : sequence of callable
             What is computed of each part, from some consecutive readings of it and the part; it is sent to the workers.
-        executor : Executor, optional
-            This process by default.
-        progress : callable, optional
-            Called with the number of readings done and a note, which begins with a `label`.
+        label : str
+            With which the notes on the progress begin.
         """
         done, tasks = 0, list(zip(works, self.parts, strict=True))
-        for part, sums in zip(self.parts, results_in_order(executor or Serial(), sums_of_part, tasks), strict=True):
+        for part, sums in zip(self.parts, results_in_order(self.executor, sums_of_part, tasks), strict=True):
             yield sums
             done += part.n_readings
-            if progress is not None:
-                progress(done, f"{label}{done} of {len(self)} readings")
+            if self.progress is not None:
+                self.progress(done, f"{label}{done} of {len(self)} readings")
 
 
 def _rows_of_part(task: tuple[Part, IntArray]) -> Session:

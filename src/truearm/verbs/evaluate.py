@@ -130,8 +130,9 @@ def evaluate(
             hint = "omit them; a file of the readings in seats alone is evaluated as a small session"
             raise InputError("lengths are not compared in a session in parts", file=session, hint=hint)
         known_model = to_model(model)
-        large = LargeSession.open(session, n_joints=known_model.arm.n_joints)
-        sums = sums_over_parts(known_model, large, limits, conditions, accept, executor, progress)
+        n_joints = known_model.arm.n_joints
+        large = LargeSession.open(session, n_joints=n_joints, executor=executor, progress=progress)
+        sums = sums_over_parts(known_model, large, limits, conditions, accept)
         return Evaluation(
             model=known_model,
             session=None,

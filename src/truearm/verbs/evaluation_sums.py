@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from operator import add
@@ -22,7 +22,6 @@ from truearm.readings import Session, check_reach
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
-from truearm.solve.executors import Executor
 from truearm.solve.sums import Sums, first_different, joined
 from truearm.verbs.inputs import (
     Limits,
@@ -52,30 +51,18 @@ class EvaluationSums(Sums):
 
     Attributes
     ----------
-    n_read : int
-        Readings, those without a reference point among them.
-    n_beyond : int
-        Those beyond a joint limit, which are skipped.
-    n_training : int
-        Those that are skipped because the model was refitted to them.
-    n_known : int
-        Readings that are known from the fit of the model.
+    n_read, n_beyond, n_training, n_known : int
+        Readings; those beyond a joint limit, and those of a refit, which are skipped; those known from the fit.
     points : dict of str to PointErrorSums
         Errors of ``"nominal"`` and ``"model"``.
     n_covered, n_covered_99 : int
         Points in the ellipsoids of 95 % and 99 %.
     variance : float
         Sum of the variances of a coordinate, the mean of three at each reading [mm^2].
-    n_outside : int
-        Readings outside the trained range.
-    outside : dict of str to int
-        The same by input.
-    n_outliers : int
-        Readings farther from their reference point than eight stated standard uncertainties.
-    outliers : tuple of Outlier
-        The largest of them.
-    outliers_of_file : dict of Path to int
-        Number of outliers of each file.
+    n_outside, outside : int, dict of str to int
+        Readings outside the trained range, and by input.
+    n_outliers, outliers, outliers_of_file : int, tuple of Outlier, dict of Path to int
+        Readings farther from their reference point than eight stated standard uncertainties, the largest, and by file.
     findings : tuple of Finding
     """
 
@@ -148,8 +135,6 @@ def sums_over_parts(
     limits: Limits,
     conditions: Conditions | None,
     accept: str | None,
-    executor: Executor | None,
-    progress: Callable[[int, str], None] | None,
 ) -> EvaluationSums:
     """Figures of all reference points of a session.
 
@@ -159,7 +144,7 @@ def sums_over_parts(
         If there are none, or more than half of the readings are beyond a joint limit.
     """
     work = partial(_of_part, model=model, limits=limits, conditions=conditions, accept=accept, n_session=len(large))
-    sums = reduce(add, large.sums([work] * len(large.parts), executor, progress), EvaluationSums())
+    sums = reduce(add, large.sums([work] * len(large.parts)), EvaluationSums())
     if sums.n_beyond > MAX_SKIPPED_SHARE * sums.n_read:
         raise Contradiction(
             f"{sums.n_beyond} of {sums.n_read} readings are outside the limits of a joint",

@@ -137,17 +137,17 @@ def fit(
     from truearm.readings.large_sessions import LargeSession  # no small session waits for these
     from truearm.verbs.fit_sums import fit_all
 
-    large = LargeSession.open(session, n_joints=n_joints)
+    large = LargeSession.open(session, n_joints=n_joints, executor=executor, progress=progress)
     of_sample = progress and (lambda _, note: progress(0, f"sample: {note}"))
     try:
-        found = work(large.sample(executor=executor), progress=of_sample, **options)
+        found = work(large.sample(), progress=of_sample, **options)
     except Contradiction as error:
         if len({part.file for part in large.parts}) == 1:
             raise
         hint = "fit each file alone: one of them may differ from the others, in its units or its arm"
         raise error.with_hint(f"{error.hint}; or {hint}" if error.hint else hint) from None
     sample = found.model, found.session, found.n_readings
-    new, every = fit_all(*sample, large, limits, accept, executor, progress)
+    new, every = fit_all(*sample, large, limits, accept)
     return replace(found, model=new, n_readings=len(large), all_readings=every)
 
 

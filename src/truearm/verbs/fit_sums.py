@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from operator import add
@@ -24,13 +24,12 @@ from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
 from truearm.models import Compensator
 from truearm.models.identified_model import IdentifiedModel, to_identified
-from truearm.models.input_ranges import InputRanges
+from truearm.models.training_conditions import InputRange, TrainingConditions
 from truearm.readings import Session
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.solve.effective_number import DesignEffect
-from truearm.solve.executors import Executor
 from truearm.solve.sums import MAX_KEPT, Sums, first_different, joined
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import Limits, allowed_in_part, check_has_reference
@@ -43,6 +42,33 @@ MAX_PASSES = 6
 
 
 @dataclass(frozen=True, eq=False)
+class Spread(Sums):
+    """Number, sum, sum of squares, least and largest of values (n, k)."""
+
+    n: int
+    total: FloatArray
+    squares: FloatArray
+    least: FloatArray = field(metadata=joined(np.minimum))
+    largest: FloatArray = field(metadata=joined(np.maximum))
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Spread:
+        """Those of values (n, k), or (n,)."""
+        v = values.reshape(len(values), -1)
+        return cls(len(v), v.sum(axis=0), (v**2).sum(axis=0), v.min(axis=0), v.max(axis=0))
+
+    def limits(self) -> FloatArray:
+        """(k, 2) the least and the largest."""
+        return np.stack([self.least, self.largest], axis=1)
+
+    def range(self) -> InputRange:
+        """Of one input (k = 1)."""
+        mean = float(self.total[0]) / self.n
+        variance = max(float(self.squares[0]) / self.n - mean**2, 0.0)
+        return InputRange(mean, variance, float(self.least[0]), float(self.largest[0]))
+
+
+@dataclass(frozen=True, eq=False)
 class FitSums(Sums):
     """Sums over the readings of parts.
 
@@ -51,7 +77,8 @@ class FitSums(Sums):
     n_read : int
         Readings, those without a point or beyond a joint limit among them.
     sums : ReadingSums
-    inputs : InputRanges
+    inputs : dict of str to Spread
+        Of ``"angles"`` and ``"directions"`` (of all joints), ``"temperature"`` and further columns.
     held_out, nominal : PointErrorSums
         Errors of the points as predicted without their stretch, and by the nominal arm; without gross errors.
     gross : tuple of str
@@ -62,16 +89,12 @@ class FitSums(Sums):
 
     n_read: int
     sums: ReadingSums
-    inputs: InputRanges = field(default_factory=InputRanges)
+    inputs: Mapping[str, Spread] = field(default_factory=dict)
     held_out: PointErrorSums = field(default_factory=PointErrorSums)
     nominal: PointErrorSums = field(default_factory=PointErrorSums)
     gross: tuple[str, ...] = field(default=(), metadata=joined(first_different))
     of_file: Mapping[Path, int] = field(default_factory=dict)
     gross_of_file: Mapping[Path, int] = field(default_factory=dict)
-
-    def files_in_error(self) -> list[Path]:
-        """The files of which more than half of the readings are gross errors; a few readings show nothing."""
-        return [file for file, n in self.of_file.items() if 2 * self.gross_of_file[file] > max(n, LEAST_READINGS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +208,9 @@ def sums_of_readings(
         nominal = PointErrorSums.of(model.nominal_.tips(state), known, n_session)
     names = tuple(f"{used.called(row)} of {part.file.name}" for row in gross[:MAX_KEPT].tolist())
     of_file = {part.file: len(used)}, {part.file: len(gross)}
-    return FitSums(len(given), sums, InputRanges.of(used), held_out, nominal, names, *of_file)
+    inputs = {"angles": used.angles, "directions": used.directions, "temperature": used.temperature_degC}
+    spreads = {name: Spread.of(of) for name, of in (inputs | dict(used.columns)).items() if of is not None}
+    return FitSums(len(given), sums, spreads, held_out, nominal, names, *of_file)
 
 
 def fit_all(
@@ -195,8 +220,6 @@ def fit_all(
     large: LargeSession,
     limits: Limits,
     accept: str | None,
-    executor: Executor | None,
-    progress: Callable[[int, str], None] | None,
 ) -> tuple[Compensator, AllReadings]:
     """The model of a sample by all readings of its session, where sums say it, and what is known of it then.
 
@@ -225,8 +248,7 @@ def fit_all(
         at, n_pass, sent = following, n_pass + 1, later if n_pass else first
         works = [partial(work, model=sent, at=at, without_part=by_fold.get(fold)) for fold in folds]
         of_folds: dict[int, FitSums] = {}
-        passed = large.sums(works, executor, progress, label=f"pass {n_pass}: ")
-        for fold, one in zip(folds, passed, strict=True):
+        for fold, one in zip(folds, large.sums(works, f"pass {n_pass}: "), strict=True):
             of_folds[fold] = of_folds[fold] + one if fold in of_folds else one
         total = reduce(add, of_folds.values())
         if accept is None:
@@ -239,11 +261,27 @@ def fit_all(
     whole, effect = identified(arm, at, total.sums, sample=state, scale_errors=errors, same_every_day=is_nominal)
     whole = replace(with_unshown_signs(whole, signs), converged=following.is_settled, rounds=n_pass)
     new = copy.copy(of_sample)
-    new.fit_, new.training_ = whole, total.inputs.conditions(of_sample.training_)
+    new.fit_, new.training_ = whole, conditions_of_all(total.inputs, of_sample.training_)
     if is_nominal:
         new.nominal_ = whole
     new.held_out_errors_ = _held_out_errors(total, len(by_fold)) or of_sample.held_out_errors_
     return new, AllReadings(n_sample, "", n_pass, total, effect)
+
+
+def conditions_of_all(inputs: Mapping[str, Spread], of_sample: TrainingConditions) -> TrainingConditions:
+    """The conditions of all readings, where those of an evenly spaced sample are known.
+
+    Gaps between the angles, temperatures of slow links, rounding and the fingerprint stay those of the sample.
+    """
+    directions = inputs.get("directions")
+    return replace(
+        of_sample,
+        n_readings=inputs["angles"].n,
+        angle_ranges=inputs["angles"].limits(),
+        temperature_degC=None if of_sample.temperature_degC is None else inputs["temperature"].range(),
+        columns={name: inputs[name].range() for name in of_sample.columns},
+        direction_ranges=None if directions is None else directions.limits(),
+    )
 
 
 def _why_of_sample(model: Compensator) -> str:
@@ -259,8 +297,11 @@ def _why_of_sample(model: Compensator) -> str:
 
 
 def _check_files(total: FitSums) -> None:
-    """Refuse a file that contradicts the others: it alone may be in other units, or of another arm."""
-    wrong = total.files_in_error()
+    """Refuse a file that contradicts the others: it alone may be in other units, or of another arm.
+
+    More than half of its readings are gross errors; a few readings show nothing.
+    """
+    wrong = [file for file, n in total.of_file.items() if 2 * total.gross_of_file[file] > max(n, LEAST_READINGS)]
     if wrong and len(wrong) < len(total.of_file):
         file, others = wrong[0], len(wrong) - 1
         raise Contradiction(
@@ -285,15 +326,8 @@ def sent_model(model: IdentifiedModel, fit: IdentificationResult) -> IdentifiedM
 
 
 def _held_out_errors(total: FitSums, n_folds: int) -> HeldOutErrors | None:
-    if not total.held_out.n:
+    if not (held_out := total.held_out).n:
         return None
-    errors = total.held_out.errors()
-    return HeldOutErrors(
-        total.held_out.n,
-        n_folds,
-        errors["mean_mm"],
-        total.held_out.standard_error_mm(),
-        errors["p95_mm"],
-        errors["max_mm"],
-        total.sums.n_gross,
-    )
+    errors = held_out.errors()
+    sizes = errors["mean_mm"], held_out.standard_error_mm(), errors["p95_mm"], errors["max_mm"]
+    return HeldOutErrors(held_out.n, n_folds, *sizes, total.sums.n_gross)

@@ -46,7 +46,7 @@ from truearm.verbs.record import TableRecord, format_fixed
 from truearm.verbs.sentences import SAME_DAY, agree, number_of
 
 if TYPE_CHECKING:  # no small session waits for these
-    from truearm.readings.large_sessions import LargeSession, Part
+    from truearm.readings.large_sessions import Part
     from truearm.solve.executors import Executor
 
 ENDINGS = (".csv", ".parquet")
@@ -117,8 +117,16 @@ def predict(
         from truearm.readings.large_sessions import LargeSession  # no small session waits for it
 
         known = to_model(model)
-        large = LargeSession.open(session, n_joints=known.arm.n_joints)
-        sums = _predict_parts(known, large, out, conditions, accept, executor, progress)
+        large = LargeSession.open(session, n_joints=known.arm.n_joints, executor=executor, progress=progress)
+        if out is None:
+            hint = 'out="points.csv"'
+            raise InputError("expected out: the points of a session in parts go to a file", file=session, hint=hint)
+        sums, work = PredictionSums(), partial(_predict_part, known, conditions=conditions, accept=accept)
+        with table_writer(out, decimals=DECIMALS, read=check_is_points_table) as append:
+            for of_part in large.sums([work] * len(large.parts)):
+                for table in of_part.tables:
+                    append(table)
+                sums = sums + replace(of_part, tables=())
         of_arm = known.accepted_, known.arm_.serial_number
         found = Prediction(known, None, sums, len(large.parts), *of_arm, conditions, known.kind)
     else:
@@ -129,29 +137,6 @@ def predict(
         return found
     name = f"{Path(model).name} ({found.model_name})"
     return replace(found, model_name=name, model_sha256=model_file_fingerprint(model))
-
-
-def _predict_parts(
-    model: Compensator,
-    large: LargeSession,
-    out: str | Path | None,
-    conditions: Conditions,
-    accept: str | None,
-    executor: Executor | None,
-    progress: Callable[[int, str], None] | None,
-) -> PredictionSums:
-    """Write the table of points part by part; return its figures."""
-    if out is None:
-        hint = 'out="points.csv"'
-        raise InputError("expected out: the points of a session in parts go to a file", file=large.path, hint=hint)
-    sums = PredictionSums()
-    with table_writer(out, decimals=DECIMALS, read=check_is_points_table) as append:
-        works = [partial(_predict_part, model, conditions=conditions, accept=accept)] * len(large.parts)
-        for of_part in large.sums(works, executor, progress):
-            for table in of_part.tables:
-                append(table)
-            sums = sums + replace(of_part, tables=())
-    return sums
 
 
 @accepts
@@ -241,16 +226,13 @@ class PredictionSums(Sums):
 
     Attributes
     ----------
-    n : int
-        Points.
-    n_outside : int
-        Those outside the trained range.
+    n, n_outside, n_in_unknown_session : int
+        Points; those outside the trained range; those in a session without a frame, where the model has frames of
+        several.
     outside : dict of str to int
-        The same by input.
+        Those outside the range by input.
     outside_mm2, unstated_mm2 : dict of str to float
         Sums of the variances that inputs outside the range add, by input, and of those that are not stated [mm^2].
-    n_in_unknown_session : int
-        Readings in a session without a frame, where the model has frames of several.
     findings : tuple of Finding
     u, u_outside : QuantileSketch
         Of parts: standard uncertainties of the coordinates, and of those outside the trained range [mm].
