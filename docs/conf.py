@@ -43,6 +43,7 @@ myst_heading_anchors = 3
 
 templates_path = ["templates"]
 autosummary_generate = True
+napoleon_preprocess_types = True  # what a function returns is a link
 autodoc_typehints = "none"  # the docstrings give types with shapes and units
 autodoc_default_options = {"members": True, "inherited-members": False}
 napoleon_google_docstring = False
@@ -94,6 +95,9 @@ html_theme_options: dict[str, Any] = {
 }
 
 
+# A box of help is as wide as the text of a page: nothing is cut off.
+HELP_COLUMNS = 80
+
 AUTOSUMMARY = """.. currentmodule:: truearm
 
 .. autosummary::
@@ -116,7 +120,7 @@ def write_command_reference() -> None:
             program,
             [*command.split(), "--help"],
             prog_name="truearm",
-            env={"COLUMNS": "100", "TERM": "dumb", "NO_COLOR": "1"},
+            env={"COLUMNS": str(HELP_COLUMNS), "TERM": "dumb", "NO_COLOR": "1"},
         )
         if ran.exit_code != 0:
             raise RuntimeError(f"truearm {command} --help: {ran.output}")
@@ -128,26 +132,92 @@ def write_command_reference() -> None:
     (HERE / "commands.md").write_text("\n".join(parts), encoding="utf-8")
 
 
+# The public names by what they are for; the pages of the guide that tell it.
+TASKS: dict[str, tuple[str, str]] = {
+    "Describe an arm": (
+        "Arm load_arm list_arms diagnose plan_circles CirclesPlan arm_from_circles CircleArm Diagnosis",
+        "describe-your-arm arm-file arms",
+    ),
+    "Read and write files": (
+        "Session read_session import_table Lengths read_lengths load_model fetch PublishedReadings datasets",
+        "session-file import two-logs model-file",
+    ),
+    "Plan": (
+        "plan PlanResult plan_check CheckPlan simulate SimulationResult rehearse VirtualArm",
+        "planning virtual-arm",
+    ),
+    "Identify": (
+        "fit FitResult refit RefitResult KinematicModel PhysicalModel HybridModel NetworkModel NominalModel Term "
+        "Expression accepting InputError",
+        "fitting imperfect-readings terms networks",
+    ),
+    "Test and compare": ("evaluate Evaluation compare ModelChange report ReportResult", "fitting"),
+    "Compensate": (
+        "predict Prediction correct CorrectedTargets export ExportResult check_export ExportCheck",
+        "measure correct export",
+    ),
+    "Live": (
+        "record live open_source list_sources SourceList try_source SourceTrial Source Sample Notice StandstillRule",
+        "live",
+    ),
+    "Verify": (
+        "verify VerificationResult simulate_verification SimulatedVerification operator_sheet OperatorSheetResult "
+        "load_verification_plan VerificationPlan read_specification Specification read_artefacts Artefacts read_points "
+        "MeasuredPoints fill_points artefacts_from_certificate ArtefactsFromCertificate task TaskResult measure "
+        "MeasuredFeatures shapes check CheckResult withdraw_check WithdrawalResult",
+        "verification task-uncertainty measure interim-check",
+    ),
+    "Certify": (
+        "certificate CertificateResult read_certificate ReadCertificate AdministrativeData Signer read_signer",
+        "certificate assessor",
+    ),
+    "Many arms": ("Fleet FleetRun FleetStatus LearnedTypePrior", "fleet type-prior"),
+    "The founding paper": ("reproduce ReproductionResult ProcedureResult", "reproduction"),
+}
+
+
 def write_api_reference() -> None:
-    """Write the page of the public names from ``truearm.__all__``: classes apart from functions."""
-    kinds: dict[str, list[str]] = {"Functions": [], "Classes": []}
-    for name in sorted(truearm.__all__, key=str.lower):
-        thing = getattr(truearm, name)
-        if inspect.isclass(thing):
-            kinds["Classes"].append(name)
-        elif inspect.isroutine(thing):
-            kinds["Functions"].append(name)
+    """Write the page of the public names by task: what does it first, then what it returns or takes."""
+    listed = [name for names, _ in TASKS.values() for name in names.split()]
+    if sorted(listed) != sorted({*truearm.__all__} - {"__version__"}):
+        raise RuntimeError(f"no task, or two, in docs/conf.py: {sorted({*listed} ^ {*truearm.__all__})}")
     parts = [
         "# Python reference\n",
-        "The public names of `import truearm as ta`. Lengths are in mm and angles in rad.\n",
+        "The public names of `import truearm as ta`, by task. Lengths are in mm and angles in rad. A result prints as "
+        "text, shows as HTML in a notebook, and has `to_dict()`; where it is a table, `to_frame()`.\n",
     ]
-    for kind, names in kinds.items():
-        listed = "\n".join(f"   {name}" for name in names)
-        parts += [
-            f"## {kind}\n",
-            f"```{{eval-rst}}\n{AUTOSUMMARY}\n{listed}\n```\n",
-        ]
+    for task, (names, pages) in TASKS.items():
+        entries = "\n".join(f"   {name}" for name in names.split())
+        links = ", ".join(f"[{page.replace('-', ' ')}]({page}.md)" for page in pages.split())
+        parts += [f"## {task}\n", f"See also {links}.\n", f"```{{eval-rst}}\n{AUTOSUMMARY}\n{entries}\n```\n"]
     (HERE / "api.md").write_text("\n".join(parts), encoding="utf-8")
+
+
+def add_see_also(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Name the others of a task below each public name: what it returns, its counterpart, the classes of its options."""
+    del app, what, thing, options
+    package, _, own = name.rpartition(".")
+    for names, _ in TASKS.values() if package == "truearm" else ():
+        if own in names.split():
+            others = ", ".join(f":obj:`~truearm.{other}`" for other in names.split() if other != own)
+            lines += ["", ".. seealso::", "", f"   {others}", ""]
+
+
+def write_papers() -> None:
+    """Write the page of the papers, whose entries are those of paper/paper.bib."""
+    entries = (HERE.parent / "paper" / "paper.bib").read_text(encoding="utf-8").strip()
+    citation = f"""@software{{truearm,
+  author  = {{{{The truearm contributors}}}},
+  title   = {{truearm: true coordinates from the joint angles of an articulated arm}},
+  version = {{{release}}}
+}}"""
+    text = (
+        "# Papers\n\nHow to cite truearm, and the paper that it began with:\n\n"
+        f"```bibtex\n{citation}\n\n{entries.partition(chr(10) + '@')[0]}\n```\n\n"
+        "The methods that it builds on, and the data that it is tested on:\n\n"
+        f"```bibtex\n@{entries.partition(chr(10) + '@')[2]}\n```\n"
+    )
+    (HERE / "papers.md").write_text(text, encoding="utf-8")
 
 
 def skip_foreign(app: object, what: str, name: str, thing: object, skip: bool, options: object) -> bool | None:
@@ -158,12 +228,13 @@ def skip_foreign(app: object, what: str, name: str, thing: object, skip: bool, o
 
 
 def write_references(app: object, config: object) -> None:
-    """Write what comes from the program itself: two pages, and the pictures of the front page."""
+    """Write what comes from the program itself: three pages, and the pictures of the front page."""
     from site_pictures import write_front_page
 
     del app, config
     write_command_reference()
     write_api_reference()
+    write_papers()
     write_front_page(HERE / "_static" / "front")
 
 
@@ -183,3 +254,4 @@ def setup(app: Any) -> None:
     app.connect("config-inited", write_references)
     app.connect("builder-inited", log_stale_figures)
     app.connect("autodoc-skip-member", skip_foreign)
+    app.connect("autodoc-process-docstring", add_see_also, priority=900)  # after the sections are read

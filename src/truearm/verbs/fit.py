@@ -107,8 +107,8 @@ def fit(
     progress : callable, optional
         Called with the number of steps done, of parts that of their readings, and a note.
     **options
-        Of the model's class, such as ``hidden=(50, 50)`` for a network or ``terms``, terms of your own for the
-        physical model; with ``"auto"`` only ``residual`` and ``terms``.
+        Of the model's class (`KinematicModel`, `PhysicalModel`, `HybridModel`, `NetworkModel`), such as
+        ``hidden=(50, 50)`` for a network or ``terms``, terms of your own for the physical model; with ``"auto"`` only ``residual`` and ``terms``.
 
     Returns
     -------
