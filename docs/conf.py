@@ -147,8 +147,10 @@ TASKS: dict[str, tuple[str, str]] = {
         "planning virtual-arm",
     ),
     "Identify": (
-        "fit FitResult refit RefitResult KinematicModel PhysicalModel HybridModel NetworkModel NominalModel Term "
-        "Expression accepting InputError",
+        (
+            "fit FitResult refit RefitResult KinematicModel PhysicalModel HybridModel NetworkModel NominalModel Term "
+            "Expression accepting InputError"
+        ),
         "fitting imperfect-readings terms networks",
     ),
     "Test and compare": ("evaluate Evaluation compare ModelChange report ReportResult", "fitting"),
@@ -161,10 +163,12 @@ TASKS: dict[str, tuple[str, str]] = {
         "live",
     ),
     "Verify": (
-        "verify VerificationResult simulate_verification SimulatedVerification operator_sheet OperatorSheetResult "
-        "load_verification_plan VerificationPlan read_specification Specification read_artefacts Artefacts read_points "
-        "MeasuredPoints fill_points artefacts_from_certificate ArtefactsFromCertificate task TaskResult measure "
-        "MeasuredFeatures shapes check CheckResult withdraw_check WithdrawalResult",
+        (
+            "verify VerificationResult simulate_verification SimulatedVerification operator_sheet OperatorSheetResult "
+            "load_verification_plan VerificationPlan read_specification Specification read_artefacts Artefacts "
+            "read_points MeasuredPoints fill_points artefacts_from_certificate ArtefactsFromCertificate task "
+            "TaskResult measure MeasuredFeatures shapes check CheckResult withdraw_check WithdrawalResult"
+        ),
         "verification task-uncertainty measure interim-check",
     ),
     "Certify": (
@@ -183,8 +187,10 @@ def write_api_reference() -> None:
         raise RuntimeError(f"no task, or two, in docs/conf.py: {sorted({*listed} ^ {*truearm.__all__})}")
     parts = [
         "# Python reference\n",
-        "The public names of `import truearm as ta`, by task. Lengths are in mm and angles in rad. A result prints as "
-        "text, shows as HTML in a notebook, and has `to_dict()`; where it is a table, `to_frame()`.\n",
+        (
+            "The public names of `import truearm as ta`, by task. Lengths are in mm and angles in rad. A result "
+            "prints as text, shows as HTML in a notebook, and has `to_dict()`; where it is a table, `to_frame()`.\n"
+        ),
     ]
     for task, (names, pages) in TASKS.items():
         entries = "\n".join(f"   {name}" for name in names.split())
@@ -194,7 +200,7 @@ def write_api_reference() -> None:
 
 
 def add_see_also(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
-    """Name the others of a task below each public name: what it returns, its counterpart, the classes of its options."""
+    """Name the others of a task below each public name: what it returns, its counterpart, classes of its options."""
     del app, what, thing, options
     package, _, own = name.rpartition(".")
     for names, _ in TASKS.values() if package == "truearm" else ():

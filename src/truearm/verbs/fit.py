@@ -108,7 +108,8 @@ def fit(
         Called with the number of steps done, of parts that of their readings, and a note.
     **options
         Of the model's class (`KinematicModel`, `PhysicalModel`, `HybridModel`, `NetworkModel`), such as
-        ``hidden=(50, 50)`` for a network or ``terms``, terms of your own for the physical model; with ``"auto"`` only ``residual`` and ``terms``.
+        ``hidden=(50, 50)`` for a network or ``terms``, terms of your own for the physical model; with ``"auto"`` only
+        ``residual`` and ``terms``.
 
     Returns
     -------
