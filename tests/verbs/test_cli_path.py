@@ -173,8 +173,7 @@ def test_report_compares_models_on_one_page(truearm, made, tmp_path):
     models = [made / f"{model}.truearm" for model in MODELS]
     ran = truearm("report", *models, made / "test.csv", "--page", page, "--title", "Arm 7 <in May>")
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out.startswith("Mean error ")
-    assert "\n3 models compared on 100 readings\n" in ran.out
+    assert ran.out.startswith("3 models compared on 100 readings: mean error ")
     assert ran.out.endswith(f"\npage written to {page}\n")
     html = page.read_text()
     assert "Arm 7 &lt;in May&gt;" in html

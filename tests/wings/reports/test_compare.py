@@ -40,7 +40,8 @@ def test_the_constant_that_changed_is_named_with_its_size(crash):
     n = len(crash.constants)
     assert text[0] == crash.summary()
     assert text[0].startswith(
-        f"{len(crash.changed)} of {n} constants changed by more than the uncertainty; the tip moves"
+        f"New model of {crash.new.arm_.name} against the old one: {len(crash.changed)} of {n} constants changed by more "
+        "than the uncertainty; the tip moves"
     )
     assert text[1].startswith("J4 theta moves the tip most: 0.")
     heading = next(i for i, line in enumerate(text) if line.startswith("constant "))
@@ -53,7 +54,8 @@ def test_an_unchanged_arm_is_said_to_be_unchanged(models):
     again = ta.compare(models["old"], models["again"])
     assert again.changed == ()
     assert again.summary().startswith(
-        "No constant changed by more than its uncertainty (18 compared); the tip moves by"
+        "New model of gao2017 against the old one: no constant changed by more than its uncertainty (18 compared); the "
+        "tip moves by"
     )
     assert again.summary().endswith("within the uncertainty.")
 

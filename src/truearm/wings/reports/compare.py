@@ -155,10 +155,11 @@ class ModelChange(TableRecord):
     def summary(self) -> str:
         """The answer in one sentence: how many constants changed, and how far the tip moves."""
         n, m, tip = len(self.changed), len(self.constants), self.change.displacement
+        models = f"New model of {self.new.arm_.name} against the old one"
         moves = f"the tip moves by {format_mm(tip.mean_mm)} on average, {format_mm(tip.max_mm)} at most"
         if n:
-            return f"{n} of {number_of(m, 'constant')} changed by more than the uncertainty; {moves}."
-        answer = f"No constant changed by more than its uncertainty ({m} compared)"
+            return f"{models}: {n} of {number_of(m, 'constant')} changed by more than the uncertainty; {moves}."
+        answer = f"{models}: no constant changed by more than its uncertainty ({m} compared)"
         if tip.is_significant:
             return f"{answer}, but {moves}, more than the uncertainties explain."
         return f"{answer}; {moves}, within the uncertainty."

@@ -246,11 +246,12 @@ class ReportResult(PageRecord):
             sentence = seats_sentence(what, mean, self.comparison)
         else:
             sentence = improvement_sentence(what, mean.get("nominal"), min(mean.values()))
-        yield sentence.replace("\N{NARROW NO-BREAK SPACE}", " ")  # of pages; in a terminal nobody could search for it
+        sentence = sentence.replace("\N{NARROW NO-BREAK SPACE}", " ")  # of pages: in a terminal nobody searches for it
+        models = f"{number_of(n, 'model')} compared on {number_of(len(self.session))}"
+        yield f"{models}: {sentence[0].lower()}{sentence[1:]}"
         heads = [_HEADS[key] for key in next(iter(self.errors.values()))]
         rows = [[name, *(f"{value:.4f}" for value in errors.values())] for name, errors in self.errors.items()]
         yield TextTable(["model", *heads], rows)
-        yield f"{n} model{'s' * (n > 1)} compared on {len(self.session)} readings"
         yield from self.remarks
 
     def _json(self) -> object:
