@@ -89,8 +89,8 @@ FreeOption = Annotated[
 LimitsOption = Annotated[Limits, Option(help="Readings beyond a joint limit: skip them, or use them.")]
 ModelOption = Annotated[ModelName | None, Option("--model", help="Kind of model.")]
 Seed = Annotated[int, Option(min=0, help="Seed of all random numbers.")]
-Still = Annotated[float, Option(help="For how long the arm stands still at a reading [s].")]
-SerialNumber = Annotated[str, Option(help="Serial number of the arm.")]
+Still = Annotated[float, Option("--still", help="For how long the arm stands still at a reading [s].")]
+SerialNumber = Annotated[str | None, Option("--serial-number", help="Serial number of the arm.")]
 TipName = Annotated[str | None, Option("--tip", help="Name of the tip, of a model with several.")]
 # How it runs, and what is printed.
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
@@ -113,7 +113,9 @@ BY_NAME: dict[str, Any] = {
     "limits": LimitsOption,
     "prior": PriorFile,
     "seed": Seed,
+    "serial_number": SerialNumber,
     "session": ReadSession,
+    "standstill_s": Still,
     "specification": MpeFile,
     "tip": TipName,
 }

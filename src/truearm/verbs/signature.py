@@ -91,7 +91,7 @@ class of_verb:
         assert kind in KINDS.values() or get_origin(kind) is Literal, f"{one}: an option of the command's own"
         option = "--" + one.name.removeprefix("n_").removesuffix("_mm").replace("_", "-")
         option = self.called.get(one.name, option)
-        if kind is bool and one.default:
+        if kind is bool and one.default is not False:
             option += f"/--no-{option.removeprefix('--')}"
         least, greatest = self.within.get(one.name, (None, None))
         info = Option(option, help=words, min=least, max=greatest)

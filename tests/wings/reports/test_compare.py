@@ -40,8 +40,8 @@ def test_the_constant_that_changed_is_named_with_its_size(crash):
     n = len(crash.constants)
     assert text[0] == crash.summary()
     assert text[0].startswith(
-        f"New model of {crash.new.arm_.name} against the old one: {len(crash.changed)} of {n} constants changed by more "
-        "than the uncertainty; the tip moves"
+        f"New model of {crash.new.arm_.name} against the old one: {len(crash.changed)} of {n} constants changed by "
+        "more than the uncertainty; the tip moves"
     )
     assert text[1].startswith("J4 theta moves the tip most: 0.")
     heading = next(i for i, line in enumerate(text) if line.startswith("constant "))

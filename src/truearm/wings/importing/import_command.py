@@ -13,6 +13,7 @@ from truearm.errors import InputError
 from truearm.verbs import options
 from truearm.verbs.console import print_json, print_line, progress
 from truearm.verbs.outputs import check_new_output, check_output_is_not_input
+from truearm.verbs.signature import of_verb
 
 if TYPE_CHECKING:
     from truearm.typing import FloatArray
@@ -21,16 +22,23 @@ if TYPE_CHECKING:
 
 # Options of points to measure that a session does not take, those that both take, and those that join two tables.
 FOR_FORMS = ("date", "artefact_temperature")
-FOR_BOTH = {"table", "into", "points", "point_unit", "serial_number", "separator", "decimal", "thousands", "header"}
-FOR_BOTH |= {"skip_lines", "encoding", "part"}
-FOR_TWO = ("by", "time_offset", "still", "standstill_mm")
+OF_FORM = ("separator", "decimal", "thousands", "header", "skip_lines", "encoding")
+FOR_BOTH = {"table", "into", "points", "point_unit", "serial_number", "part", *OF_FORM}
+FOR_TWO = ("by", "time_offset_s", "standstill_s", "standstill_mm")
+NAMES = {"time_offset_s": "--time-offset", "standstill_mm": "--standstill-mm", "u_mm": "--u-mm"}
 _ONE_EACH = "one, or one a joint, separated by commas"
 PREVIEW_ROWS = 5
 Names = tuple[str, ...]
 MOST_IN_A_RANGE = 100  # columns of 1-6
 
 
+@of_verb(
+    "truearm.wings.importing.foreign.tables:import_table",
+    omit=("columns", "scale", "points_from", "part"),
+    called=NAMES,
+)
 def import_table(
+    verb: Any,  # noqa: ARG001 - a session alone: what was assumed is printed too
     context: typer.Context,
     table: Annotated[Path, Argument(metavar="TABLE", help="Text, workbook, array or log: see docs/import.md.")],
     out: Annotated[Path | None, Option(help="Session file to write, .csv or .parquet.")] = None,
@@ -40,14 +48,6 @@ def import_table(
     points_from: Annotated[
         Path | None, Option("--with", metavar="TABLE", help="A second table, which holds the points.")
     ] = None,
-    by: Annotated[
-        str, Option(help="What joins the two: row, name, time, or a column of names (POSE, or POSE=POINT).")
-    ] = "row",
-    time_offset: Annotated[
-        float | None, Option(metavar="SECONDS", help="Add to the times of the second table; by default estimated.")
-    ] = None,
-    still: options.Still = 0.5,
-    standstill_mm: Annotated[float, Option(help="By how much the tip moves at most in that time.")] = 0.05,
     preview: Annotated[bool, Option("--preview", help="Show the first rows as understood; write nothing.")] = False,
     angles: Annotated[
         str, Option(help="Columns of the joints, base to tip: names or numbers (1-6). Without it, all are recognised.")
@@ -55,9 +55,7 @@ def import_table(
     angle_unit: Annotated[str, Option(help=f"deg, rad, gon, counts, or mm or m (sliding): {_ONE_EACH}.")] = "",
     counts_per_turn: Annotated[str, Option(help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")] = "",
     sign: Annotated[str, Option(help="+ or - for each joint, as +,-,+; all + by default.")] = "",
-    zero: Annotated[
-        str, Option(help="Each joint's value where its angle is zero, in the table's unit; 0 by default.")
-    ] = "",
+    zero: Annotated[str, Option(help="Each joint's value where its angle is zero, in the table's unit; 0.")] = "",
     couple: Annotated[
         str, Option(metavar="SUMS", help="Joints that are sums of the table's: 'J3+=J2', 'J3=J3-0.5*J2; J5=J5+J4'.")
     ] = "",
@@ -65,12 +63,6 @@ def import_table(
         str, Option("--point", help="Columns x,y,z of the reference point; with --into of the point.")
     ] = "",
     point_std: Annotated[str, Option(help="Columns of its three standard uncertainties.")] = "",
-    u_mm: Annotated[
-        float | None, Option(help="Standard uncertainty of every coordinate, or distance, without one of its own.")
-    ] = None,
-    point_unit: Annotated[
-        str, Option(help="Unit of points, their uncertainties and distances: mm, m, cm, um or in.")
-    ] = "",
     orientation: Annotated[
         str,
         Option(
@@ -78,42 +70,19 @@ def import_table(
             "angles, 4 of a quaternion, 9, 12 or 16 of a matrix row by row; 12 and 16 have the point too."
         ),
     ] = "",
-    orientation_unit: Annotated[str, Option(help="Unit of a rotation vector or Euler angles: deg or rad.")] = "",
-    orientation_order: Annotated[
-        str,
-        Option(
-            help="Of a quaternion: wxyz (default) or xyzw. Of Euler angles: ZYX (turned axes; KUKA), xyz (fixed axes; "
-            "Fanuc), .."
-        ),
-    ] = "",
     column: Annotated[
         list[str] | None,
-        Option(
-            metavar="NAME=COLUMN",
-            help="What else a session file holds: seat=Nest, temperature_degC=T, position=GX,GY,GZ, .. (repeat).",
-        ),
+        Option(metavar="NAME=COLUMN", help="What else: seat=Nest, temperature_degC=T, position=GX,GY,GZ, .. (repeat)."),
     ] = None,
-    session_name: Annotated[str, Option(help="Name of the session of all readings.")] = "",
-    serial_number: options.SerialNumber = "",
-    separator: Annotated[str, Option(help="One character, TAB, or SPACE: one or more; recognised.")] = "",
-    decimal: Annotated[str, Option(help="Decimal sign, . or , ; recognised.")] = "",
-    thousands: Annotated[str | None, Option(help="Thousands separator, or '' for none; recognised.")] = None,
-    header: Annotated[
-        bool | None, Option("--header/--no-header", help="Whether the first line names the columns; recognised.")
-    ] = None,
-    skip_lines: Annotated[int | None, Option(min=0, help="Lines above the header to skip; recognised.")] = None,
-    encoding: Annotated[str, Option(help="utf-8, cp1252, utf-16, ..; recognised.")] = "",
     part: Annotated[
         list[str] | None,
-        Option(
-            metavar="NAME",
-            help="Sheet of a workbook, variable of an archive, topic of a recording (repeat it for the second table).",
-        ),
+        Option(metavar="NAME", help="Sheet of a workbook, variable of an archive, topic of a log; one for each table."),
     ] = None,
     date: options.Date = None,
     artefact_temperature: Annotated[float | None, Option(help="Temperature of the artefacts [degC].")] = None,
     force: options.Force = False,
     as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Turn a table of another program into a session file.
 
@@ -125,16 +94,16 @@ def import_table(
     --into fills in a file of points to measure from the export of a metrology program (--point X,Y,Z), a point for
     each row without coordinates, in their order.
     """
+    from truearm.wings.importing.foreign.tables import BLANKS
     from truearm.wings.importing.tables.table import TableForm
 
-    signs = {"TAB": "\t", "\\t": "\t", "SPACE": " "}
-    form = TableForm(
-        signs.get(separator, separator) or None, decimal or None, thousands, header, skip_lines, encoding or None
-    )  # fmt: skip
+    written = {name: given.pop(name) for name in OF_FORM}
+    form = TableForm(**{**written, "separator": BLANKS.get(written["separator"], written["separator"])})
     if into is not None:
         others = [str(option.name) for option in context.command.params if option.name not in (*FOR_FORMS, *FOR_BOTH)]
         options.refuse_typed(context, others, "does not apply to --into")
-        _fill(table, into, _listed(points), point_unit, form, part or (), date, artefact_temperature, serial_number)
+        named = given["point_unit"], form, part or (), date, artefact_temperature, given["serial_number"] or ""
+        _fill(table, into, _listed(points), *named)
         return
     options.refuse_typed(context, FOR_FORMS, "applies to --into only", hint="omit it, or use --into")
     if out is None and not preview:
@@ -158,30 +127,16 @@ def import_table(
     )
     columns = _columns(column or [], *map(_listed, (angles, points, point_std, orientation)))
     with progress(f"importing {table.name}"):
-        found = read_foreign_tables(
-            as_tables(sources, form, part or ()),
-            columns,
-            scale,
-            by=by,
-            time_offset_s=time_offset,
-            standstill_s=still,
-            standstill_mm=standstill_mm,
-            point_unit=cast(Any, point_unit or None),
-            u_mm=u_mm,
-            orientation_unit=cast(Any, orientation_unit or None),
-            orientation_order=orientation_order or None,
-            session_name=session_name or None,
-            serial_number=serial_number or None,
-        )
+        found = read_foreign_tables(as_tables(sources, form, part or ()), columns, scale, **given)
         if couple:
             found = _coupled(found, couple)
         if out is not None and not preview:
             _write(found, out)
-    written = None if preview else out
+    file = None if preview else out
     if as_json:
-        print_json(_record(found, written))
+        print_json(_record(found, file))
         return
-    _print_result(found, " and ".join(source.name for source in sources), written)
+    _print_result(found, " and ".join(source.name for source in sources), file)
 
 
 def _write(found: ImportedTable, out: Path) -> None:
@@ -250,7 +205,7 @@ def _fill(
     table: Path,
     into: Path,
     columns: tuple[str, ...],
-    point_unit: str,
+    point_unit: Any,
     form: TableForm,
     parts: Sequence[str],
     date: str | None,
@@ -269,7 +224,7 @@ def _fill(
     _check_not_predicted(table)
     with progress(f"importing {table.name}"):
         (source,) = as_tables([table], form, parts)
-        found = import_points(source, columns, point_unit=cast(Any, point_unit or None))
+        found = import_points(source, columns, point_unit=point_unit)
         n = fill_points_form(
             into,
             found,

@@ -51,6 +51,10 @@ if TYPE_CHECKING:
 _POSITION_DECIMALS = 6
 
 
+# Separators by their names.
+BLANKS = {"TAB": "\t", "\\t": "\t", "SPACE": " "}
+
+
 @dataclass(frozen=True, eq=False)
 class ImportedTable:
     """A session read from a foreign table, and what was assumed.
@@ -115,9 +119,13 @@ def import_table(
     points_from : path or pandas.DataFrame, optional
         A second table, which holds the points.
     by : str
-        What joins the two tables: ``row``, ``name``, ``time``, or a column of names, as `join_tables` has it.
-    time_offset_s, standstill_s, standstill_mm : float
-        As `join_tables` has them.
+        What joins the two tables: ``row``, ``name``, ``time``, or a column of names (``POSE``, or ``POSE=POINT``).
+    time_offset_s : float, optional
+        Add to the times of the second table [s]; by default estimated.
+    standstill_s : float
+        For how long the arm stands still at a reading [s].
+    standstill_mm : float
+        By how much the tip moves at most in that time [mm].
     point_unit : {"mm", "m", "cm", "um", "in"}, optional
         Unit of the points, their uncertainties and of distances.
     u_mm : float, optional
@@ -128,18 +136,18 @@ def import_table(
         Of a quaternion, ``wxyz`` (the default) or ``xyzw``; of Euler angles, ``ZYX`` about the axes as turned before,
         ``xyz`` about fixed ones, and so on. Three columns without an order are a rotation vector.
     separator, decimal, thousands : str, optional
-        One character each; a blank as separator stands for one blank or more.
+        One character; as separator also TAB, and a blank or SPACE for one or more; '' for no thousands; recognised.
     header : bool, optional
-        Whether a line names the columns; without, columns go by number.
+        Whether a line names the columns; without, columns go by number; recognised.
     skip_lines : int, optional
-        Lines above the header, or above the first row, that do not belong to the table.
+        Lines above the header, or above the first row, that do not belong to the table; recognised.
     encoding : str, optional
-        Any text encoding that Python knows.
+        utf-8, cp1252, utf-16 or another that Python knows; recognised.
     part : str or sequence of str, optional
         Which sheet of a workbook, variable of an archive, or topic of a recording; of two tables one each, in their
         order, empty for none.
     session_name, serial_number : str, optional
-        Of all readings, if no column holds it.
+        That of all readings, if no column holds it.
 
     Returns
     -------
@@ -162,7 +170,7 @@ def import_table(
     >>> session.points.tolist()
     [[500.0, 0.0, 250.0]]
     """
-    form = TableForm(separator, decimal, thousands, header, skip_lines, encoding)
+    form = TableForm(BLANKS.get(separator or "", separator), decimal, thousands, header, skip_lines, encoding)
     sources = [one for one in (table, points_from) if one is not None]
     tables = as_tables(sources, form, [part] if isinstance(part, str) else part or ())
     return read_foreign_tables(
