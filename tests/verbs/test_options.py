@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import subprocess
+import sys
 from collections import defaultdict
 from inspect import Parameter, signature
 from pathlib import Path
@@ -12,7 +16,7 @@ import pytest
 from command_line import called, declared, functions
 from truearm.command_line import OTHER_NAMES
 from truearm.errors import InputError
-from truearm.verbs.signature import KINDS, of_verb, parameters_described
+from truearm.verbs.signature import KINDS, Source, of_verb, parameters_described
 
 # What an option means where commands say it in their own words.
 MEANINGS = {
@@ -108,7 +112,7 @@ def verb(what, *, n_arms: int = 3, size_mm: float | None = None, how: Choice | N
 
 
 def test_a_command_has_the_options_of_its_verb():
-    assert parameters_described(verb) == {
+    assert parameters_described(inspect.getdoc(verb)) == {
         "what": "Of it.",
         "n_arms": "Number of arms, and no more.",
         "size_mm": "Both of it.",
@@ -129,6 +133,27 @@ def test_a_command_has_the_options_of_its_verb():
     assert all(one.kind is Parameter.KEYWORD_ONLY for one in signature(complete).parameters.values())
     complete(what="x", n_arms=4, size_mm=None, how="a", fast=False)
     assert found == [("x", 4, None, "a", False)]
+
+
+def test_the_options_of_a_verb_are_those_of_its_signature():
+    """The source says what the function has."""
+    for place in ("truearm.verbs.refit:refit", "truearm.wings.importing.foreign.tables:import_table"):
+        module, _, name = place.partition(":")
+        read = {one.name: one.default for one in Source.of(module, name).parameters()}
+        known = signature(getattr(importlib.import_module(module), name)).parameters.values()
+        assert read == {one.name: one.default for one in known if one.default is not Parameter.empty}
+
+
+def test_help_comes_without_the_heavy_packages():
+    listed = (
+        "import sys, truearm.command_line as m\ntry:\n m.run(sys.argv[1:])\nexcept SystemExit:\n print(*sys.modules)"
+    )
+    for command in ("fit", "measure", "compare", "simulate"):
+        ran = subprocess.run(
+            [sys.executable, "-c", listed, command, "--help"], capture_output=True, text=True, check=True
+        )
+        assert "--json" in ran.stdout
+        assert not {"numpy", "scipy", "pandas", "sklearn", "matplotlib"} & set(ran.stdout.splitlines()[-1].split())
 
 
 def test_a_command_refuses_what_its_verb_refuses():

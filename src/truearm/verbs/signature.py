@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import wraps
 from importlib import import_module
-from inspect import Parameter, Signature, getdoc, signature
+from importlib.util import find_spec
+from inspect import Parameter, Signature, signature
+from pathlib import Path
 from typing import Annotated, Any, Literal, Optional, get_origin
 
 import typer
@@ -33,8 +36,8 @@ class of_verb:
     Parameters
     ----------
     place : str
-        Module and name of the verb, ``truearm.verbs.refit:refit``. It is imported when this command is asked for:
-        others start without it.
+        Module and name of the verb, ``truearm.verbs.refit:refit``. Its source is read when this command is asked for,
+        and it is imported when the command runs: help comes without NumPy and its like.
     omit : tuple of str
         Parameters of the verb that are no options.
     called : mapping of str to str
@@ -62,32 +65,32 @@ class of_verb:
     def complete(self, command: Callable[..., None]) -> Callable[..., None]:
         """Return the command with the options of its verb in place of ``**options``."""
         module, _, name = self.place.partition(":")
-        verb = getattr(import_module(module), name)
         _, *own, _ = signature(command, eval_str=True).parameters.values()
 
         @wraps(command)
         def with_options(**given: Any) -> None:
-            command(verb, **given)
+            command(getattr(import_module(module), name), **given)
 
+        verb = Source.of(module, name)
         of_the_verb = self._options(verb, {*(one.name for one in own), *self.omit, "executor", "progress"})
         ordered = sorted([*own, *of_the_verb], key=lambda one: one.name in LAST)
         by_name = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in ordered]
         with_options.__signature__ = Signature(by_name)  # type: ignore[attr-defined]
         return with_options
 
-    def _options(self, verb: Callable[..., Any], without: set[str]) -> Iterator[Parameter]:
-        described = parameters_described(verb)
-        for one in signature(verb).parameters.values():
-            if one.default is Parameter.empty or one.name in without:
+    def _options(self, verb: Source, without: set[str]) -> Iterator[Parameter]:
+        described = parameters_described(verb.text)
+        for one in verb.parameters():
+            if one.name in without:
                 continue
             option = BY_NAME.get(one.name) or self._option(one, verb, described.get(one.name, ""))
             default = ",".join(one.default) if isinstance(one.default, tuple) else one.default
             yield one.replace(annotation=option, default=default)
 
-    def _option(self, one: Parameter, verb: Callable[..., Any], words: str) -> Any:
+    def _option(self, one: Parameter, verb: Source, words: str) -> Any:
         """The annotation of an option: a number, a word, a choice or a switch."""
         name = one.annotation.removesuffix(" | None")
-        kind = KINDS.get(name) or getattr(import_module(verb.__module__), name)
+        kind = KINDS.get(name) or verb.named(name)
         assert kind in KINDS.values() or get_origin(kind) is Literal, f"{one}: an option of the command's own"
         option = "--" + one.name.removeprefix("n_").removesuffix("_mm").replace("_", "-")
         option = self.called.get(one.name, option)
@@ -96,6 +99,54 @@ class of_verb:
         least, greatest = self.within.get(one.name, (None, None))
         info = Option(option, help=words, min=least, max=greatest)
         return Annotated[kind if one.default is not None else Optional[kind], info]  # noqa: UP045
+
+
+@dataclass(frozen=True)
+class Source:
+    """A function as its source states it, without an import of its module.
+
+    Attributes
+    ----------
+    module : str
+    tree : ast.Module
+        Of the module.
+    function : ast.FunctionDef
+    """
+
+    module: str
+    tree: ast.Module
+    function: ast.FunctionDef
+
+    @classmethod
+    def of(cls, module: str, name: str) -> Source:
+        """Read the source of a function."""
+        place = find_spec(module)
+        assert place is not None
+        assert place.origin is not None
+        tree = ast.parse(Path(place.origin).read_text(encoding="utf-8"))
+        (function,) = (one for one in tree.body if isinstance(one, ast.FunctionDef) and one.name == name)
+        return cls(module, tree, function)
+
+    @property
+    def text(self) -> str:
+        """The docstring."""
+        return ast.get_docstring(self.function) or ""
+
+    def parameters(self) -> Iterator[Parameter]:
+        """The parameters with a default, their annotations as text."""
+        of, first = self.function.args, len(self.function.args.args) - len(self.function.args.defaults)
+        defaults = [*zip(of.args[first:], of.defaults, strict=True), *zip(of.kwonlyargs, of.kw_defaults, strict=True)]
+        for one, default in defaults:
+            if default is not None and one.annotation is not None:
+                value = self.named(default.id) if isinstance(default, ast.Name) else ast.literal_eval(default)
+                kind = ast.unparse(one.annotation).strip("'")
+                yield Parameter(one.arg, Parameter.KEYWORD_ONLY, default=value, annotation=kind)
+
+    def named(self, name: str) -> Any:
+        """What a name of the module stands for, from where it comes from."""
+        taken = (one for one in self.tree.body if isinstance(one, ast.ImportFrom))
+        home = next((one.module for one in taken if name in (it.name for it in one.names)), self.module)
+        return getattr(import_module(home or self.module), name)
 
 
 class Group(TyperGroup):
@@ -112,9 +163,9 @@ class Group(TyperGroup):
         return typer.main.get_command(app)
 
 
-def parameters_described(verb: Callable[..., Any]) -> dict[str, str]:
+def parameters_described(docstring: str) -> dict[str, str]:
     """What a docstring says of each parameter, as plain text."""
-    found = re.search(r"^Parameters\n-+\n(.*?)(?:\n\n\S|\Z)", getdoc(verb) or "", flags=re.MULTILINE | re.DOTALL)
+    found = re.search(r"^Parameters\n-+\n(.*?)(?:\n\n\S|\Z)", docstring, flags=re.MULTILINE | re.DOTALL)
     described: dict[str, str] = {}
     for names, words in re.findall(r"^(\S.*?) : .*\n((?:    .*\n?)+)", found[1] if found else "", flags=re.MULTILINE):
         plain = re.sub(r"``\"?(.*?)\"?``", r"\1", words).replace("`", "")

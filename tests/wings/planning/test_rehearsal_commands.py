@@ -203,7 +203,7 @@ def test_the_points_of_a_metrology_program_are_filled_in(truearm, form):
         (lambda lines: lines, ("--out", "s.csv"), "--out does not apply to --into"),
         (lambda lines: lines, ("--angles", "1"), "--angles does not apply to --into"),
         (lambda lines: lines, ("--point", "2,3"), "expected three columns of points, got 2"),
-        (lambda lines: lines, ("--point-unit", "ft"), "unknown unit of points 'ft'"),
+        (lambda lines: lines, ("--point-unit", "ft"), "'ft' is not one of 'mm'"),
     ],
 )
 def test_an_export_that_does_not_fit_fills_in_nothing(truearm, form, change, options, says):
