@@ -62,8 +62,8 @@ def test_twenty_rows_are_used_and_the_others_test(truearm, made, moved, refit, t
     alone = json.loads(truearm("evaluate", made / "kinematic.truearm", made / "test.csv", "--json").out)
     assert told["mean_mm"] < 1.3 * alone["mean_mm"]
     page = truearm("report", out, moved, "--page", tmp_path / "r.html")
-    assert page.out.startswith("Mean error ")
-    assert "\n1 model compared on 80 readings\n20 of 100 are training readings of the model and are " in page.out
+    assert page.out.startswith("1 model compared on 80 readings: mean error ")
+    assert "\n20 of 100 are training readings of the model and are " in page.out
     assert page.out.endswith(f"page written to {tmp_path / 'r.html'}\n")
 
 
