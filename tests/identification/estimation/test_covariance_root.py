@@ -99,19 +99,19 @@ def test_data_are_taken_back_as_in_dense_algebra(rng):
     whole = CovarianceRoot.of(covariance, perturbed_chain)
     without = whole.without(gram)
     assert without is not None
-    order = np.argsort(without.order)
     half = np.linalg.inv(half).T
 
     def expected(of_shares):
         return half @ (turned / of_shares) @ turned.T @ half.T
 
     size = np.sqrt(np.outer(expected(shares).diagonal(), expected(shares).diagonal()))
-    found = without.covariance[np.ix_(order, order)]
+    spread = without.spread(np.eye(p))
+    found = spread.T @ spread
     np.testing.assert_allclose(found / size, expected(shares) / size, rtol=0, atol=1e-6)
     moved = expected(np.maximum(shares, least)) @ gradient
     scale = np.sqrt(expected(np.maximum(shares, least)).diagonal())
-    found, moved = without.shift(whole, gradient, least) / scale, moved / scale
-    np.testing.assert_allclose(found, moved, rtol=0, atol=1e-4 * np.abs(moved).max())
+    found, moved = without.shift(gradient, least) / scale, moved / scale
+    np.testing.assert_allclose(found, moved, rtol=0, atol=1e-3 * np.abs(moved).max())  # as the iteration leaves
 
 
 def test_data_of_all_information_cannot_be_taken_back():

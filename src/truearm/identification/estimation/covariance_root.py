@@ -20,15 +20,15 @@ section 7.3.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dtrmm
-from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
+from scipy.linalg.blas import dtrmm, dtrsm
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 
 from truearm.identification.estimation.perturbed_chain import (
     FEW,
@@ -45,14 +45,12 @@ from truearm.typing import FloatArray, IntArray
 # Directions of small shares are found by a subspace iteration: of so many directions at least, in so many rounds, and
 # with shares up to so many times the limit. What remains of others is then less than (1 / FARTHER)^(2 ROUNDS) at the
 # limit, where nothing depends on it.
-FEWEST, ROUNDS, FARTHER = 32, 4, 3.0
+FEWEST, ROUNDS, FARTHER = 8, 4, 3.0
 # Share of the variance by each coefficient alone, summed, that may remain of it with their covariances: below it their
 # sum has lost ten digits of sixteen.
 LEAST_SHARE = 1e-10
 # Readings whose products stay in the cache of a core, of some 200 coefficients.
 PIECE = 192
-# Rows and columns that are transposed at once.
-BLOCK = 128
 
 
 class _Part(NamedTuple):
@@ -124,7 +122,7 @@ class CovarianceRoot:
         inverse = dtrtri(self.factor)[0]
         return np.asarray(inverse @ inverse.T)
 
-    def without(self, gram: FloatArray) -> Self | None:
+    def without(self, gram: FloatArray) -> WithoutData | None:
         """The same without data of the normal matrix (n_coefficients, n_coefficients).
 
         None where they leave nothing to rounding, and where the covariance itself is singular.
@@ -135,34 +133,7 @@ class CovarianceRoot:
         np.subtract(self._information, information, out=information)
         # The transpose of a symmetric matrix is in the order of columns that LAPACK works on without a copy.
         lower, info = dpotrf(information.T, lower=1, overwrite_a=1)
-        if info:
-            return None
-        return replace(self, covariance=_both_triangles(dpotri(lower, lower=1, overwrite_c=1)[0].T))
-
-    def shift(self, whole: Self, gradient: FloatArray, least: float) -> FloatArray:
-        """(n_coefficients,) the change of the coefficients where data of a gradient are taken back.
-
-        `whole` is the root with these data. Of a direction that they determined nearly alone its variance with them is
-        a small share of that without; it counts as `least`.
-        """
-        found, own = np.zeros(len(gradient)), gradient[self.order]
-        found[self.order] = self.covariance @ own
-        # Ratios of the variances are 1 or more, and all of them together are this sum.
-        if np.vdot(self.covariance, whole._information) - (len(own) - 1) > 1 / least:
-            share, directions = self._weakest(whole, least)
-            too_far = (1 / share - 1 / np.maximum(share, least)) * (directions.T @ (whole.factor @ own))
-            found[self.order] -= whole.factor.T @ (directions @ too_far)
-        return found
-
-    def _weakest(self, whole: Self, least: float) -> tuple[FloatArray, FloatArray]:
-        """Shares (k,) of directions (p, k), orthonormal among the rows of `whole`: all below `least`, and some more."""
-
-        def ratio_times(found: FloatArray) -> FloatArray:
-            """The covariance without the data, in units of that with them, times some directions."""
-            moved = self.covariance @ solve_triangular(whole.factor, found, check_finite=False)
-            return np.asarray(solve_triangular(whole.factor, moved, trans="T", check_finite=False))
-
-        return least_shares(ratio_times, len(self.order), least)
+        return None if info else WithoutData(self, lower)
 
     def times(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
         """``F J^T``: displacements by each cause.
@@ -294,14 +265,44 @@ class CovarianceRoot:
         return parts
 
 
-def _both_triangles(matrix: FloatArray) -> FloatArray:
-    """A symmetric matrix of which the triangle above the diagonal was computed; in place."""
-    for start in range(0, len(matrix), BLOCK):
-        rows = slice(start, start + BLOCK)
-        matrix[rows, :start] = matrix[:start, rows].T
-        own = np.triu(matrix[rows, rows])
-        matrix[rows, rows] = own + np.triu(own, 1).T
-    return matrix
+@dataclass(frozen=True, eq=False)
+class WithoutData:
+    """What is known of the coefficients where some data are taken back.
+
+    Attributes
+    ----------
+    whole : CovarianceRoot
+        With these data.
+    lower : (p, p) array
+        Cholesky's triangle of the information without them, in the order of `whole`.
+    """
+
+    whole: CovarianceRoot
+    lower: FloatArray
+
+    def spread(self, columns: FloatArray) -> FloatArray:
+        """(p, ..) displacements by each cause, of derivatives (n_coefficients, ..) by the coefficients."""
+        own = columns[self.whole.order]
+        flat = own.reshape(len(own), -1)  # its transpose counts by columns, as BLAS does
+        return dtrsm(1.0, self.lower, flat.T, side=1, lower=1, trans_a=1, overwrite_b=1).T.reshape(own.shape)
+
+    def shift(self, gradient: FloatArray, least: float) -> FloatArray:
+        """(n_coefficients,) the change of the coefficients where the data of a gradient are taken back.
+
+        Of a direction that they determined nearly alone its variance with them is a small share of that without; it
+        counts as `least`.
+        """
+        found, own, factor = np.zeros(len(gradient)), gradient[self.whole.order], self.whole.factor
+
+        def ratio_times(directions: FloatArray) -> FloatArray:
+            """The covariance without the data, in units of that with them, times some directions (p, k)."""
+            moved = dpotrs(self.lower, solve_triangular(factor, directions, check_finite=False), lower=1)[0]
+            return np.asarray(solve_triangular(factor, moved, trans="T", check_finite=False))
+
+        share, directions = least_shares(ratio_times, len(own), least)
+        too_far = (1 / share - 1 / np.maximum(share, least)) * (directions.T @ (factor @ own))
+        found[self.whole.order] = dpotrs(self.lower, own, lower=1)[0] - factor.T @ (directions @ too_far)
+        return found
 
 
 def least_shares(

@@ -417,16 +417,18 @@ class _Minimum:
         without = self.root.without(own.head)
         if without is None:
             return None
-        shift = without.shift(self.root, own.gradient, LEAST_FREEDOM)
+        shift = without.shift(own.gradient, LEAST_FREEDOM)
         found = []
         for i, rows in members:
             part = self.parts[i]
             judged = rows[part.is_judged[rows]]
-            for some in (judged[piece] for piece in perturbed_chain.chunks(len(judged), MOST_JUDGED)):
-                along_sites, values = self.problem.site_derivatives(i, some, part.linear, self.x)
-                white = part.residuals[some] + self.problem.perturbed_chain.along(shift, along_sites, values).T
-                angles = self.problem.state.rows(part.reference_fit.rows[some]).joint_angles
-                blocks = without.covariances(along_sites, values, angles)
+            for some in (judged[piece] for piece in perturbed_chain.chunks(len(judged), self.chunk)):
+                columns = self.problem.perturbed_chain.by_coefficient(
+                    *self.problem.site_derivatives(i, some, part.linear, self.x)
+                )
+                white = part.residuals[some] + np.einsum("pkm,p->mk", columns, shift)
+                spread = without.spread(columns)
+                blocks = np.einsum("pkm,plm->mkl", spread, spread)
                 found.append(_held_out(part, some, white, blocks, np.ones(len(some)), group))
         return found
 

@@ -35,7 +35,7 @@ OUTERMOST_SHARE = 0.02
 # joints with a few fixed angles.
 LEAST_READINGS, MOST_SHARE = 5, 0.4
 # Readings of a region that are predicted, at most: they have errors in common, and more of them show no other growth.
-MOST_PREDICTED = 2000
+MOST_PREDICTED = 300
 # Growth where no region can be judged, as of fewer than 28 readings [1/rad, or 1/range of a slide]: the largest with
 # which 95 % of readings up to 0.6 rad outside are in their ellipsoids (24 readings of ur5, ur10, gao2017, panda, three
 # arms each; kinematic models need 0 to 4, and their median is 0.3). It is a prior, not seen in the readings.
