@@ -155,7 +155,9 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     mean_degC, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
     by_points, lags, u_K = [part.kind for part in fit.references] == ["point"], lag_K > LAG_K, min(lag_K, spread)
     if by_points:
-        histories = link_histories(fit, state, grows, others, TIME_CONSTANTS if lags else np.zeros(0))
+        by_readings = fit.under_repeatability_conditions().covariance / widened
+        taus = TIME_CONSTANTS if lags else np.zeros(0)
+        histories = link_histories(fit, by_readings, state, grows, others, taus)
     else:
         gain = np.asarray(np.linalg.solve(of_growth, fit.covariance[np.ix_(grows, others)]).T)
         information, right = _likelihood(of_growth / widened, fit.coefficients[grows], fit.prior_std[grows])

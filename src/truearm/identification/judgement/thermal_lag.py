@@ -27,15 +27,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtri
 
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.problem import GaussNewtonSums
 from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.thermal import link_temperatures
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
-from truearm.solve.square_roots import MIN_PIVOT, unit_diagonal
 from truearm.typing import FloatArray, IntArray, NameArray
 
 # Time constants of links that are tried, in readings: links follow the air within 5 to 20 minutes, and arms are read
@@ -52,8 +49,6 @@ HALF_PERIODS = np.arange(1, 5)
 # The temperature follows the order if these courses explain more than this share of its variance.
 FOLLOWING_SHARE = 0.1
 N_DRIFTS = 9
-# Smaller shares of the variance of a coefficient alone are rounding: only the prior determines such directions.
-SQUARED_ROUNDING = 1e-13
 
 
 class LinkHistory(NamedTuple):
@@ -114,7 +109,12 @@ def most_lag_K(temperature_degC: FloatArray, session: NameArray | None = None) -
 
 
 def link_histories(
-    fit: IdentificationResult, state: ArmState, grows: IntArray, others: IntArray, time_constants: FloatArray
+    fit: IdentificationResult,
+    covariance: FloatArray,
+    state: ArmState,
+    grows: IntArray,
+    others: IntArray,
+    time_constants: FloatArray,
 ) -> list[LinkHistory]:
     """Histories of links that are as warm as the thermometer says, and of each time constant, by the size of a drift.
 
@@ -122,6 +122,8 @@ def link_histories(
     ----------
     fit : IdentificationResult
         With thermal terms, by points alone, at its minimum.
+    covariance : (n_coefficients, n_coefficients) array
+        Of its coefficients, by these readings and its priors alone.
     state : ArmState
         Of its readings, with their true temperatures.
     grows, others : int arrays
@@ -137,14 +139,16 @@ def link_histories(
         motions = np.column_stack([courses, np.ones(len(courses))])
     else:
         courses = motions = courses[:, :0]
-    gram, right = _normal_equations(fit, state, grows, others, temperatures - temperatures.mean(axis=0), motions)
-    n, links, m = len(others), len(grows), len(grows) * temperatures.shape[1]
-    root = _root(gram[:n, :n], fit.prior_std[others])
-    as_others = root.T @ (root @ gram[:n, len(gram) - N_DRIFTS :]) if follows else np.zeros((n, N_DRIFTS))
-    inner = slice(n, n + m + N_DRIFTS * courses.shape[1])
-    half, along = root @ gram[:n, inner], root @ right[:n]
-    # Of growth, of drift.
-    rest, pulls, gains = gram[inner, inner] - half.T @ half, right[inner] - half.T @ along, -root.T @ half
+    across, among, right = _products(fit, state, grows, temperatures - temperatures.mean(axis=0), motions)
+    m, drifts = len(grows) * temperatures.shape[1], N_DRIFTS * courses.shape[1]
+    # By others alone: their covariance where growth is known.
+    gain = np.linalg.solve(covariance[np.ix_(grows, grows)], covariance[np.ix_(grows, others)])
+    of_others = covariance[np.ix_(others, others)] - gain.T @ covariance[np.ix_(grows, others)]
+    taken = of_others @ across[others]
+    as_others = taken[:, m + drifts :] if follows else np.zeros((len(others), N_DRIFTS))
+    # Of growth, of drift. At the minimum the gradient by the others is that of their prior.
+    rest = (among - across[others].T @ taken)[: m + drifts, : m + drifts]
+    pulls, gains, links = right[: m + drifts] - rest[:, : len(grows)] @ fit.coefficients[grows], -taken, len(grows)
     slacks = [0.0, *(_slack(degC, tau, state.session) for tau in time_constants)]
     rms = np.repeat(np.sqrt((courses**2).mean(axis=0)), N_DRIFTS)[:, None]
     found = []
@@ -152,7 +156,7 @@ def link_histories(
         whitened = size**2 * rest[m:, m:] + np.eye(len(rest) - m)
         drift = size**2 * np.linalg.solve(whitened, np.column_stack([rest[m:, :m], pulls[m:]]))
         reduced, left = rest[:m, :m] - rest[:m, m:] @ drift[:, :-1], rest[:m, m:] @ drift[:, -1] - pulls[:m]
-        gain = gains[:, :m] - gains[:, m:] @ drift[:, :-1]
+        gain = gains[:, :m] - gains[:, m : m + drifts] @ drift[:, :-1]
         log_evidence = float(pulls[m:] @ drift[:, -1] - np.linalg.slogdet(whitened)[1]) / 2
         for i, (slack, mean) in enumerate(zip(slacks, temperatures.mean(axis=0).tolist(), strict=True)):
             own = slice(links * i, links * (i + 1))
@@ -160,17 +164,6 @@ def link_histories(
             known = reduced[own, own], left[own], gain[:, own], moved, as_others, mean
             found.append(LinkHistory(*known, slack=slack, log_evidence=log_evidence))
     return found
-
-
-def _root(gram: FloatArray, prior_std: FloatArray) -> FloatArray:
-    """F (r, n) with ``F^T F`` the inverse of a Gram matrix with a prior, of the directions that the readings show."""
-    matrix, scale = unit_diagonal(gram + np.diag(prior_std**-2.0))
-    lower, info = dpotrf(matrix.T, lower=1)
-    if not info and lower.diagonal().min() ** 2 > MIN_PIVOT:
-        return np.asarray(dtrtri(lower, lower=1, overwrite_c=1)[0] / scale)
-    values, vectors = np.linalg.eigh(matrix)
-    shown = values > SQUARED_ROUNDING
-    return np.asarray((vectors[:, shown] / np.sqrt(values[shown])).T / scale)
 
 
 def drift_courses(n: int, session: NameArray | None = None) -> FloatArray:
@@ -192,23 +185,18 @@ def _explained(values: FloatArray, courses: FloatArray) -> float:
     return 1 - float(left @ left) / float(above @ above)
 
 
-def _normal_equations(
-    fit: IdentificationResult,
-    state: ArmState,
-    grows: IntArray,
-    others: IntArray,
-    kelvin: FloatArray,
-    courses: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Gram matrix and right side by the other coefficients, growth with temperatures about a mean, and drifts.
+def _products(
+    fit: IdentificationResult, state: ArmState, grows: IntArray, kelvin: FloatArray, courses: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Products of growth and drifts with the coefficients, with each other, and with the residuals.
 
-    The first of the temperatures (n, k) are those by which the arm was identified. Drifts along courses (n, c) are
-    rotations and translations of the base and translations of the tip, each of about a millimetre at the tip. The last
-    course is constant: motions of base and tip as a whole. Growth and drifts are a few motions, each times functions of
-    time.
+    The first of the temperatures (n, k), about a mean, are those by which the arm was identified. Drifts along courses
+    (n, c) are rotations and translations of the base and translations of the tip, each of about a millimetre at the
+    tip. The last course is constant: motions of base and tip as a whole. Growth and drifts are a few motions, each
+    times functions of time.
     """
     points, arm, x = fit.references[0], fit.perturbed_chain, fit.coefficients
-    n, links, m = len(others), len(grows), len(points.rows)
+    links, m = len(grows), len(points.rows)
     rows_of_all, weights_of_all = state.rows(points.rows), points.weights
     one_kelvin = replace(rows_of_all, temperature_degC=np.full(m, REFERENCE_DEGC + 1))
     both = np.zeros((0, 3, m))
@@ -220,23 +208,19 @@ def _normal_equations(
     motion = np.concatenate([np.tile(growths, kelvin.shape[1]), np.tile(drifts, courses.shape[1])])
     over_time = np.concatenate([kelvin.T.repeat(links, axis=0), courses.T.repeat(len(both), axis=0)])[:, points.rows]
     site_of, row_of = arm.of_coefficient
-    sums = GaussNewtonSums(arm.sites, len(x), 0, m)
-    across, among, right = np.zeros((len(x), len(motion))), np.zeros((len(motion),) * 2), np.zeros(n + len(motion))
+    across, among, right = np.zeros((len(x), len(motion))), np.zeros((len(motion),) * 2), np.zeros(len(motion))
     for rows, _, along_sites, values in arm.site_derivatives(one_kelvin, x):
-        weights, in_time, by_site = weights_of_all[:, rows], over_time[:, rows], arm.by_site(values)
-        residuals, weighed = weights * points.residuals[:, rows], along_sites * weights
-        sums.add(residuals, weighed, by_site, one_kelvin.joint_angles[rows])
+        weights, in_time = weights_of_all[:, rows], over_time[:, rows]
+        weighed = along_sites * weights
         grown = weighed[site_of[grows]] * values[row_of[grows]][:, None]
         motions = np.concatenate([grown, both[:, :, rows] * weights])
         design = (motions[motion] * in_time[:, None]).reshape(len(motion), -1)
         among += design @ design.T
-        right[n:] += design @ residuals.ravel()
-        for site, products, own in zip(arm.sites, np.einsum("skm,dkm->sdm", weighed, motions), by_site, strict=True):
+        right += design @ (weights * points.residuals[:, rows]).ravel()
+        contracted = np.einsum("skm,dkm->sdm", weighed, motions)
+        for site, products, own in zip(arm.sites, contracted, arm.by_site(values), strict=True):
             across[site.columns] += own @ (products[motion] * in_time).T
-    equations = sums.equations()
-    gram = np.block([[equations.head[np.ix_(others, others)], across[others]], [across[others].T, among]])
-    right[:n] = equations.gradient[others]
-    return gram, right - gram[:, :n] @ x[others] - gram[:, n : n + links] @ x[grows]
+    return across, among, right
 
 
 def _shares(degC: FloatArray, links_degC: FloatArray) -> FloatArray:
