@@ -25,10 +25,10 @@ found in turn, and the row of each is then found again beside the others.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dormqr
@@ -180,6 +180,14 @@ class _Readings:
     residuals: FloatArray
     weights: FloatArray
     rows: IntArray
+    identified: dict[tuple[_Course, ...], _Identified] = field(default_factory=dict, init=False)
+    likelihoods: dict[tuple[Any, ...], dict[str, FloatArray]] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def constant(self) -> tuple[FloatArray, FloatArray]:
+        """(n, 3, p) all motions, and these times their weights."""
+        motions = np.concatenate(list(self.motions.values()), axis=2)
+        return motions, self.weighed(motions)
 
     @cached_property
     def nearest(self) -> IntArray:
@@ -425,28 +433,54 @@ def _long_run_ratio(white: FloatArray) -> FloatArray:
 # What changed, and where ----------------------------------------------------------------------------------------------
 
 
-def _constants(at: _Readings, others: list[_Course]) -> FloatArray:
-    """(n, 3, p) what is identified beside a change: all motions, constant, and the other changes."""
-    n = len(at.rows)
-    moving = [one.over(n)[:, None, None] * at.motions[one.what] for one in others]
-    return np.concatenate([*at.motions.values(), *moving], axis=2)
+class _Identified(NamedTuple):
+    """What is identified of the residuals: all motions, constant, and some changes.
+
+    Attributes
+    ----------
+    columns, weighed : (n, 3, p) array
+        Displacements by each, and these times their weights.
+    inverse : (p, p) array
+        Pseudoinverse of their products.
+    coefficients : (p,) array
+    left : (n, 3) array
+        Residuals less these.
+    """
+
+    columns: FloatArray
+    weighed: FloatArray
+    inverse: FloatArray
+    coefficients: FloatArray
+    left: FloatArray
 
 
-def _left_by(at: _Readings, courses: list[_Course]) -> FloatArray:
-    """Residuals less the changes, identified together with all constant motions."""
-    design = _constants(at, courses)
-    return np.asarray(at.residuals - design @ _least_squares(at, design, at.residuals))
+def _identified(at: _Readings, courses: Sequence[_Course]) -> _Identified:
+    """Once for the same changes."""
+    if (found := at.identified.get(tuple(courses))) is not None:
+        return found
+    columns, weighed = at.constant
+    if courses:
+        n = len(at.rows)
+        moving = np.concatenate([one.over(n)[:, None, None] * at.motions[one.what] for one in courses], axis=2)
+        columns, weighed = (np.concatenate(both, axis=2) for both in ((columns, moving), (weighed, at.weighed(moving))))
+    gram = np.tensordot(columns, weighed, axes=((0, 1), (0, 1)))
+    # What is constant has no differences: by its own size it stays zero.
+    size = np.einsum("ni,nip,nip->p", at.weights, columns, columns)
+    scale = 1 / np.sqrt(np.maximum(size, np.finfo(float).tiny))
+    inverse = scale[:, None] * np.linalg.pinv(scale[:, None] * gram * scale, rcond=1e-9, hermitian=True) * scale
+    coefficients = inverse @ np.tensordot(weighed, at.residuals, axes=((0, 1), (0, 1)))
+    found = _Identified(columns, weighed, inverse, coefficients, at.residuals - columns @ coefficients)
+    at.identified[tuple(courses)] = found
+    return found
 
 
 def _without(at: _Readings, courses: list[_Course]) -> FloatArray:
     """Residuals without changes, any constant motion being identified: differences alone do not determine that."""
     if not courses:
         return at.residuals
-    constant, n = _constants(at, []), len(at.rows)
-    changes = _constants(at, courses)
-    found = _least_squares(at, changes, at.residuals)
-    found[: constant.shape[2]] = 0.0
-    residuals = at.residuals - changes @ found
+    (constant, _), n, changes = at.constant, len(at.rows), _identified(at, courses)
+    p = constant.shape[2]
+    residuals = at.residuals - changes.columns[:, :, p:] @ changes.coefficients[p:]
     root = np.sqrt(at.weights)
     columns = (root[:, :, None] * constant).reshape(3 * n, -1)
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
@@ -454,28 +488,13 @@ def _without(at: _Readings, courses: list[_Course]) -> FloatArray:
     return np.asarray(residuals - constant @ constants)
 
 
-def _least_squares(at: _Readings, design: FloatArray, residuals: FloatArray) -> FloatArray:
-    """(p,) coefficients of columns (n, 3, p)."""
-    inverse, _ = _inverse_gram(at, design)
-    return np.asarray(inverse @ np.tensordot(at.weighed(design), residuals, axes=((0, 1), (0, 1))))
-
-
-def _inverse_gram(at: _Readings, design: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(p, p) pseudoinverse of the weighed products of columns (n, 3, p), and the weighed columns."""
-    weighed = at.weighed(design)
-    gram = np.tensordot(design, weighed, axes=((0, 1), (0, 1)))
-    # What is constant has no differences: by its own size it stays zero.
-    size = np.tensordot(at.weights, design**2, axes=((0, 1), (0, 1)))
-    scale = 1 / np.sqrt(np.maximum(size, np.finfo(float).tiny))
-    return scale[:, None] * np.linalg.pinv(scale[:, None] * gram * scale, rcond=1e-9, hermitian=True) * scale, weighed
-
-
 def _best(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> tuple[_Course, dict[str, FloatArray]]:
     """The step or drift of the greatest likelihood beside other changes, and the log likelihoods of each kind.
 
     Of steps at all rows, of drifts one.
     """
-    found = _log_likelihoods(at, others, margin, steps=steps)
+    if (found := at.likelihoods.get((steps, *others))) is None:
+        found = at.likelihoods[steps, *others] = _log_likelihoods(at, others, margin, steps=steps)
     best = max(found, key=lambda what: float(found[what].max()))
     return _Course(best, margin + int(np.argmax(found[best])) if steps else 0), found
 
@@ -487,9 +506,7 @@ def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps
     residuals sums over the readings after it are enough: those of all rows are one cumulated sum.
     """
     n = len(at.rows)
-    constant = _constants(at, others)
-    inverse, weighed = _inverse_gram(at, constant)
-    left = at.residuals - constant @ (inverse @ np.tensordot(weighed, at.residuals, axes=((0, 1), (0, 1))))
+    _, weighed, inverse, _, left = _identified(at, others)
     towards_all = at.weighed(left[..., None])[..., 0]
     square = max(float((left * towards_all).sum()), np.finfo(float).tiny)
     found = {}
@@ -523,14 +540,14 @@ def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps
 
 def _log_likelihood(at: _Readings, courses: list[_Course], best: list[_Course]) -> float:
     """Of some changes together, less what their motions and rows cost; the noise as it is without the best ones."""
-    left, n = _left_by(at, courses)[..., None], len(at.rows)
+    left, n = _identified(at, courses).left[..., None], len(at.rows)
     cost = sum(at.motions[one.what].shape[2] / 2 + (one.step > 0) for one in courses) * np.log(n)
     return float(-_freedom(at, best) / 2 * np.log((left * at.weighed(left)).sum()) - cost)
 
 
 def _freedom(at: _Readings, courses: list[_Course]) -> float:
     """Number of coordinates that are independent, of what some changes leave over."""
-    left = np.sqrt(at.weights) * (at.contrast @ _left_by(at, courses))
+    left = np.sqrt(at.weights) * (at.contrast @ _identified(at, courses).left)
     return 3 * int((at.weights > 0).any(axis=1).sum()) / float(_long_run_ratio(left).mean())
 
 
@@ -545,7 +562,7 @@ def _describe(
     total = float(logsumexp(list(evidence.values())))
     shares = {what: float(np.exp(of - total)) for what, of in evidence.items()}
     odds = {what: share for what, share in sorted(shares.items(), key=lambda one: -one[1]) if share > LEAST_PROBABILITY}
-    motion = -_least_squares(at, _constants(at, [*others, course]), at.residuals)[-motions.shape[2] :]
+    motion = -_identified(at, [*others, course]).coefficients[-motions.shape[2] :]
     shift = float(np.sqrt(((motions @ motion) ** 2).sum(axis=1).mean()))
     if not steps:
         return Change("drift", course.what, odds, int(rows[n // 2]), int(rows[0]), last_row, shift, motion, p_value)
