@@ -113,7 +113,7 @@ def test_gradient_is_that_of_difference_quotients(parameters, n, known):
     angles = angles_of(n)
     readings = held_out(angles, np.ones(n), known=known, group=np.arange(n) // 2)
     features = np.hstack([angles - 1, angles**2])
-    deviance, _ = _posterior(readings, features)
+    deviance = _posterior(readings, features)
     at = np.array(parameters) / 3
     error = check_grad(lambda p: deviance(p, 25.0)[0], lambda p: deviance(p, 25.0)[1], at)
     assert error < 1e-5 * max(1.0, np.linalg.norm(deviance(at, 25.0)[1]), abs(deviance(at, 25.0)[0]))

@@ -287,8 +287,9 @@ STUDENT_FREEDOM = 6.0
 LEAST_GROUPS = 5
 # Estimated coefficients are far below this bound; a larger one in a file is an error.
 STEEPEST = 10.0
-# Maximum steps of L-BFGS-B; it needs about twenty.
-MOST_STEPS = 200
+# Maximum steps of the scoring, of which it needs about five, and halvings of one; it ends where a step would lower the
+# deviance by less than this.
+MOST_STEPS, MAX_HALVINGS, LEAST_FALL = 50, 10, 1e-7
 # A joint whose angles scatter by less did not move [rad, or mm].
 LEAST_SCATTER = 1e-6
 
@@ -360,8 +361,6 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
     VarianceFunction
         Flat if too few groups were held out.
     """
-    from scipy.optimize import minimize
-
     n_joints = angles.shape[1]
     if len(np.unique(held_out.group)) < LEAST_GROUPS * 2 * n_joints:
         return VarianceFunction.flat(n_joints)
@@ -370,12 +369,13 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
     spread = np.where(scatter > LEAST_SCATTER, scatter, 1.0)
     features = _features(at, centre, spread)
     features[:, np.tile(scatter <= LEAST_SCATTER, 2)] = 0.0
-    deviance, n_determined = _posterior(held_out, features)
+    deviance = _posterior(held_out, features)
     x, precision = np.zeros(1 + 2 * n_joints), COEFFICIENT_STD**-2
     for _ in range(MOST_ROUNDS):
-        x = minimize(deviance, x, (precision,), jac=True, method="L-BFGS-B", options={"maxiter": MOST_STEPS}).x
+        x, information = _least(deviance, x, precision)
+        determined = np.clip(1 - precision * np.linalg.inv(information).diagonal()[1:], 0.0, 1.0).sum()
         before, square = precision, float(x[1:] @ x[1:])
-        precision = float(np.clip(n_determined(x, precision) / max(square, 1e-300), MOST_STD**-2, LEAST_STD**-2))
+        precision = float(np.clip(determined / max(square, 1e-300), MOST_STD**-2, LEAST_STD**-2))
         if abs(precision - before) < SETTLED * before:
             break
     coefficients = x[1:]
@@ -388,48 +388,57 @@ def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> Flo
     return np.concatenate([z, z**2 - 1], axis=1)
 
 
+def _least(
+    deviance: Callable[[FloatArray, float], tuple[float, FloatArray, FloatArray]], x: FloatArray, precision: float
+) -> tuple[FloatArray, FloatArray]:
+    """The parameters of least deviance, by Fisher's scoring from `x`, and the information there."""
+    value, gradient, information = deviance(x, precision)
+    for _ in range(MOST_STEPS):
+        step = -np.linalg.solve(information, gradient)
+        if -gradient @ step < LEAST_FALL:
+            break
+        for _ in range(MAX_HALVINGS):
+            trial = deviance(x + step, precision)
+            if trial[0] < value:
+                break
+            step /= 2
+        else:
+            break
+        x, (value, gradient, information) = x + step, trial
+    return x, information
+
+
 def _posterior(
     held_out: HeldOutReadings, features: FloatArray
-) -> tuple[Callable[[FloatArray, float], tuple[float, FloatArray]], Callable[[FloatArray, float], float]]:
-    """The deviance and the number of determined coefficients, both by the parameters and the prior's precision.
+) -> Callable[[FloatArray, float], tuple[float, FloatArray, FloatArray]]:
+    """The deviance, minus the logarithm of the posterior, by the parameters and the prior's precision.
 
-    The parameters are the variance's logarithm and the coefficients. The deviance, minus the logarithm of the
-    posterior, is returned with its gradient. Readings of a group have common errors and count together as one.
+    With its gradient and its expected information. The parameters are the variance's logarithm and the coefficients.
+    Readings of a group have common errors and count together as one.
     """
     known, squares = held_out.along_axes
     n, k = STUDENT_FREEDOM, len(squares)
     typical = max(float(np.median(squares.sum(axis=0) / held_out.freedom)) / k, FLOOR_MM2)
     weight = len(np.unique(held_out.group)) / len(held_out.rows)
+    design = np.hstack([np.ones((len(features), 1)), features])
 
-    def own_variance(parameters: FloatArray) -> FloatArray:
-        log_share = np.clip(parameters[0] + features @ parameters[1:], -50.0, 50.0)
-        return np.asarray(typical * np.exp(log_share) * held_out.freedom)
-
-    def deviance(parameters: FloatArray, precision: float) -> tuple[float, FloatArray]:
-        coefficients, own = parameters[1:], own_variance(parameters)
+    def deviance(parameters: FloatArray, precision: float) -> tuple[float, FloatArray, FloatArray]:
+        own = typical * np.exp(np.clip(design @ parameters, -50.0, 50.0)) * held_out.freedom
         variance = known + own
         parts = squares / variance
         length = parts.sum(axis=0)
         value = 0.5 * np.log(variance).sum() + 0.5 * (n + k) * np.log1p(length / n).sum()
         pull = (n + k) / (n + length)
         by_log = 0.5 * own * ((1 - pull * parts) / variance).sum(axis=0)
-        prior = precision * coefficients
-        gradient = np.concatenate([[by_log.sum()], features.T @ by_log]) * weight
-        gradient[1:] += prior
-        return float(weight * value + 0.5 * coefficients @ prior), gradient
-
-    def n_determined(parameters: FloatArray, precision: float) -> float:
+        prior = precision * parameters
+        prior[0] = 0.0
         # By the expected information of Student's log scale: for p coordinates and n degrees of freedom it is
         # p n / 2 (n + p + 2) (K. L. Lange, R. J. A. Little, J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881,
         # section 4); f^2 times as much where the scale is a share f of the variance.
-        own = own_variance(parameters)
-        share = own / (known + own)
-        each = weight * (share**2).sum(axis=0) / 2 * n / (n + k + 2)
-        design = np.hstack([np.ones((len(own), 1)), features])
+        each = weight * ((own / variance) ** 2).sum(axis=0) / 2 * n / (n + k + 2)
         information = design.T @ (each[:, None] * design)
         information[1:, 1:].flat[:: len(information)] += precision
         information[0, 0] += 1e-12  # in case the covariances explain all deviations
-        variance = np.linalg.inv(information).diagonal()[1:]
-        return float(np.clip(1 - precision * variance, 0.0, 1.0).sum())
+        return float(weight * value + 0.5 * parameters @ prior), weight * (design.T @ by_log) + prior, information
 
-    return deviance, n_determined
+    return deviance
