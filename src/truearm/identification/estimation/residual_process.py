@@ -142,28 +142,35 @@ def _information(
     fit: IdentificationResult, sample: ArmState, bases: Sequence[Basis], weights: FloatArray, times: float
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """A and ``Sigma J^T W Phi`` of every process, by a sample of points with weights (3, m), each of `times`."""
-    chain, values = fit.perturbed_chain, [basis.values(sample) for basis in bases]
-    together, counts, p = np.concatenate(values), [len(value) for value in values], len(fit.coefficients)
-    information, across = [np.zeros((3, n, 3, n)) for n in counts], np.zeros((3, p, sum(counts)))
+    # Products need no more digits than this, and take half the time with them.
+    chain, values = fit.perturbed_chain, [basis.values(sample).astype(np.float32) for basis in bases]
+    together, p = np.concatenate(values), len(fit.coefficients)
+    information = [np.zeros((3, len(value), 3, len(value))) for value in values]
+    of_sites = [np.zeros((3, len(site.columns), len(together))) for site in chain.sites]
     axes = chain.chain.fixed[0, :3, :3].T
     along = axes[:, :, None] * weights**2
     for rows, _, along_sites, of_chain in chain.site_derivatives(sample, fit.coefficients):
         # Coordinates are contracted before the functions.
-        by_axis = np.einsum("acm,scm->sam", along[:, :, rows], along_sites)
-        for site, by, value in zip(chain.sites, by_axis, chain.by_site(of_chain), strict=True):
-            across[:, site.columns] += (by[:, None] * value) @ together[:, rows].T
+        by_axis = np.einsum("acm,scm->sam", along[:, :, rows], along_sites).astype(np.float32)
+        functions = of_chain.astype(np.float32)
+        for found, site, by in zip(of_sites, chain.sites, by_axis, strict=True):
+            found += (by[:, None] * functions[site.rows]) @ together[:, rows].T
         for axis, other in combinations_with_replacement(range(3), 2):
-            product = axes[other] @ along[axis][:, rows]
+            of_both = (axes[other] @ along[axis][:, rows]).astype(np.float32)
             for own, value in zip(information, values, strict=True):
-                block = (product * value[:, rows]) @ value[:, rows].T
+                block = (of_both * value[:, rows]) @ value[:, rows].T
                 own[axis, :, other] += block
                 if other > axis:  # symmetric, as the product is
                     own[other, :, axis] += block
-    across = across.transpose(1, 0, 2)
+    across = np.zeros((p, 3, len(together)))
+    for site, found in zip(chain.sites, of_sites, strict=True):
+        across[site.columns] = found.transpose(1, 0, 2)
     # With the covariance by all readings A would not be that of a least squares fit, and could be negative. References
     # of other kinds are left out: the other terms take over rather more.
     covariance = fit.covariance if times == 1 else np.linalg.inv(_precision(fit, sample, weights, times))
-    couplings = [part.reshape(p, -1) for part in np.split(across, np.cumsum(counts)[:-1], axis=2)]
+    couplings = [
+        part.reshape(p, -1) for part in np.split(across, np.cumsum([len(value) for value in values])[:-1], axis=2)
+    ]
     taken_over = [times * covariance @ coupling for coupling in couplings]
     reduced = [
         times * (own.reshape(taken.shape[1], -1) - coupling.T @ taken)
