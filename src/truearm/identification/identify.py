@@ -401,7 +401,8 @@ def identify_physical(
     else:
         found = everything
         if residual:
-            same_in_every_pose = [term for term in terms if term in further or term in _rigid(terms)]
+            rigid = {*further, *_rigid(terms)}
+            same_in_every_pose = [term for term in terms if term in rigid]
             found, process, lost = _with_residual_process(readings, same_in_every_pose, everything, simpler, estimate)
             skipped = [*lost, *skipped]
     return _concluded(readings, found, tuple(skipped), process, complete=_with_all_states)

@@ -279,11 +279,21 @@ class PerturbedChain:
     def gradient(self, state: ArmState, x: FloatArray, pulls: FloatArray) -> FloatArray:
         """(n_coefficients,) derivatives of the tips along vectors (3, n), summed over the readings of a state."""
         found = np.zeros(self.n_coefficients)
-        for rows, _, along_sites, values in self.site_derivatives(state, x):
-            pulled = (along_sites * pulls[:, rows]).sum(axis=1)
-            for site, own, value in zip(self.sites, pulled, self.by_site(values), strict=True):
-                found[site.columns] += value @ own
+        for rows in chunks(len(state)):
+            piece = state if len(state) <= CHUNK else state.rows(rows)
+            found += self.gradient_from_values(piece, self.values(piece), x, pulls[:, rows])
         return found
+
+    def gradient_from_values(self, state: ArmState, values: FloatArray, x: FloatArray, pulls: FloatArray) -> FloatArray:
+        """The same with the values of the basis functions: derivatives by the motions, pulled before the functions."""
+        _, motion_jacobian = moved_chain(self.chain, state, self.motions(x, values))
+        by_motion = np.einsum("pacm,cm->pam", motion_jacobian, pulls)
+        by_function = np.empty((len(values), 6))
+        for rows, own in zip(self._of_place, by_motion, strict=True):
+            np.matmul(values[rows], own.T, out=by_function[rows])
+        coefficient, entry, component = self._entries
+        sums = np.bincount(coefficient, component * by_function.ravel()[entry], minlength=self.n_coefficients)
+        return np.asarray(sums, dtype=float)
 
     def motion_derivatives(self, state: ArmState, x: FloatArray, place: int) -> FloatArray:
         """(n, 6, 3) derivatives of the tips [mm] by the components of a motion at a place."""
