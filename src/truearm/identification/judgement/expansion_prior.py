@@ -61,7 +61,7 @@ LEAST_VALUE = 1e-9
 # Smaller shares of a prior's precision are rounding.
 ROUNDING = 1e-9
 # Hypotheses of a smaller share of the evidence are no part of the mixture.
-LEAST_WEIGHT = 1e-9
+LEAST_WEIGHT = 1e-6
 
 
 class _Hypothesis(NamedTuple):
