@@ -40,7 +40,7 @@ const receive = {
     live.mayCommand = message.may_command;
     const asked = message.is_asked ? "Another page asks for the command." : "";
     const shows = message.asks ? "Asked for the command: it comes when the other page gives it, or closes." : "This page only shows: another one commands.";
-    write("role", live.mayCommand ? asked : message.is_free ? "No page commands: ask, and this one does." : shows);
+    write("role", live.ended ? "" : live.mayCommand ? asked : message.is_free ? "No page commands: ask, and this one does." : shows);
     at("ask").hidden = live.mayCommand || message.asks;
     at("give").hidden = !message.is_asked;
     showButtons();
@@ -139,6 +139,7 @@ function showCurve(known) {
 /** @param {Object<string, string>} files what was recorded, and what it is good for */
 function showEnd(files) {
   write("recorded", `${live.ended}.`);
+  write("role", "");
   const rows = Object.entries(files).flatMap(([what, file]) => [
     build("dt", { textContent: what }),
     build("dd", { textContent: file }),
