@@ -121,32 +121,44 @@ def evaluate(
     True
     """
     if is_regressor(model):
+        if is_large(session):
+            raise InputError("a regressor is not evaluated in parts", file=session, hint="a session in one file")
         return _evaluate_regressor(model, to_session(session), lengths, accept)
-    if is_large(session):
-        from truearm.readings.large_sessions import LargeSession  # no small session waits for these
-        from truearm.verbs.evaluation_sums import sums_over_parts
+    if not is_large(session):
+        return _evaluate_session(*to_model_and_session(model, session), lengths, limits, conditions, accept)
+    from truearm.readings.large_sessions import LargeSession  # no small session waits for these
+    from truearm.verbs.evaluation_sums import sums_over_parts
 
-        if lengths is not None:
-            hint = "omit them; a file of the readings in seats alone is evaluated as a small session"
-            raise InputError("lengths are not compared in a session in parts", file=session, hint=hint)
-        known_model = to_model(model)
-        n_joints = known_model.arm.n_joints
-        large = LargeSession.open(session, n_joints=n_joints, executor=executor, progress=progress)
-        sums = sums_over_parts(known_model, large, limits, conditions, accept)
-        return Evaluation(
-            model=known_model,
-            session=None,
-            predicted={},
-            errors=sums.errors(),
-            lengths=None,
-            conditions=conditions,
-            outliers=sums.outliers,
-            n_training=sums.n_training,
-            findings=sums.findings,
-            n_parts=len(large.parts),
-            sums=sums,
-        )
-    fitted, given = to_model_and_session(model, session)
+    if lengths is not None:
+        hint = "omit them; a file of the readings in seats alone is evaluated as a small session"
+        raise InputError("lengths are not compared in a session in parts", file=session, hint=hint)
+    known = to_model(model)
+    n_joints = known.arm.n_joints
+    large = LargeSession.open(session, n_joints=n_joints, executor=executor, progress=progress)
+    sums = sums_over_parts(known, large, limits, conditions, accept)
+    return Evaluation(
+        model=known,
+        session=None,
+        predicted={},
+        errors=sums.errors(),
+        lengths=None,
+        conditions=conditions,
+        outliers=sums.outliers,
+        n_training=sums.n_training,
+        findings=sums.findings,
+        n_parts=len(large.parts),
+        sums=sums,
+    )
+
+
+def _evaluate_session(
+    fitted: Compensator,
+    given: Session,
+    lengths: LengthsLike | None,
+    limits: Limits,
+    conditions: Conditions | None,
+    accept: str | None,
+) -> Evaluation:
     tested = used_readings(given, fitted.arm, fitted, limits=limits, lengths=lengths, purpose=PURPOSE)
     used, known = tested.session, expanded_lengths(tested.lengths, tested.session)
     check_sessions(used, known, own_frame="base" not in fitted.free)

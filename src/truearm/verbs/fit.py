@@ -394,7 +394,7 @@ class FitResult(Record):
             yield f"error of a distance to an anchor, held out: mean {mean:.4f} mm, maximum {largest:.4f} mm"
         yield from _fact_lines(self.model.facts())
         if (identified := to_identified(self.model)) is not None:
-            yield from map(str, own_coefficients(identified))
+            yield from (_describe_own(**one) for one in own_coefficients(identified))
 
     def details(self) -> Iterator[str | TextTable]:
         """See `Record.details`: groups of terms, what is not identifiable, and terms that were not offered."""
@@ -508,42 +508,28 @@ def _describe_length(outlier: Outlier) -> str:
     )
 
 
-@dataclass(frozen=True)
-class OwnCoefficient:
-    """A coefficient of a term of the user's own.
+def own_coefficients(model: IdentifiedModel) -> list[dict[str, Any]]:
+    """The coefficients of the terms of the user's own that a model was fitted with, and their standard uncertainty.
 
-    Attributes
-    ----------
-    name : str
-        Of the term; of several functions with that of its function.
-    coefficient, u : float
-        And its standard uncertainty: rad, or mm, for a function of one (see `Term.direction`). Both are zero where the
-        readings show nothing of the term's group.
+    Rad, or mm, for a function of one (see `Term.direction`). Both are zero where the readings show nothing of the
+    term's group. A term of several functions has a name for each.
     """
-
-    name: str
-    coefficient: float
-    u: float
-
-    def __str__(self) -> str:
-        if not self.u:
-            return f"{self.name}: pruned, these readings show nothing of it"
-        return f"{self.name}: {self.coefficient:.3g}, standard uncertainty {self.u:.2g}"
-
-
-def own_coefficients(model: IdentifiedModel) -> tuple[OwnCoefficient, ...]:
-    """The coefficients of the terms of the user's own that a model was fitted with."""
     fit, found = model.fit_, []
     u = np.sqrt(fit.covariance.diagonal())
     identified = list(zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True))
     for term in model.terms:
         # By the term, not its name, which another term may have.
         columns = next((columns for one, columns in identified if one == term), None)
-        values = [(0.0, 0.0)] * term.n_coefficients
-        if columns is not None:
-            values = list(zip(fit.coefficients[columns].tolist(), u[columns].tolist(), strict=True))
-        found += [OwnCoefficient(label, *value) for label, value in zip(term.labels, values, strict=True)]
-    return tuple(found)
+        for i, label in enumerate(term.labels):
+            at = 0.0 if columns is None else fit.coefficients[columns][i].item()
+            found.append({"name": label, "coefficient": at, "u": 0.0 if columns is None else u[columns][i].item()})
+    return found
+
+
+def _describe_own(name: str, coefficient: float, u: float) -> str:
+    if not u:
+        return f"{name}: pruned, these readings show nothing of it"
+    return f"{name}: {coefficient:.3g}, standard uncertainty {u:.2g}"
 
 
 def _term_lines(model: IdentifiedModel) -> Iterator[str]:
