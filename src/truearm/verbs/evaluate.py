@@ -269,16 +269,14 @@ class Evaluation(TableRecord):
 
         Of a session in parts that which it states for the conditions of the readings.
         """
-        if self.sums is not None:
-            return self.sums.n_covered / self.sums.n
-        return None if self.budget is None else self.budget.coverage
+        of = self.sums or self.budget
+        return None if of is None or not of.n_points else of.n_covered / of.n_points
 
     @property
     def coverage_99(self) -> float | None:
         """Share of them inside that of 99 %."""
-        if self.sums is not None:
-            return self.sums.n_covered_99 / self.sums.n
-        return None if self.budget is None else self.budget.n_covered_99 / self.budget.n_points
+        of = self.sums or self.budget
+        return None if of is None or not of.n_points else of.n_covered_99 / of.n_points
 
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""

@@ -82,7 +82,7 @@ class EvaluationSums(Sums):
     findings: tuple[Finding, ...] = field(default=(), metadata=joined(first_different))
 
     @property
-    def n(self) -> int:
+    def n_points(self) -> int:
         """Points that are compared."""
         return self.points["model"].n
 
@@ -97,12 +97,13 @@ class EvaluationSums(Sums):
     def effective_number(self) -> str:
         """What the readings are worth, in a sentence."""
         own = self.points["model"]
-        said = describe_effective_number(own.effective_number()[0], own.n, own.effective_number()[1])
+        number, is_settled = own.effective_number()
+        said = describe_effective_number(number, own.n, is_settled)
         return f"{said}: standard error of the mean {own.standard_error_mm():.2g} mm."
 
     def skipped_and_outliers(self) -> Iterator[str]:
         """How many readings are not compared, and how many are outliers, in sentences."""
-        if without := self.n_read - self.n:
+        if without := self.n_read - self.n_points:
             yield f"{without} of {self.n_read} readings have no reference point or are skipped."
         if self.n_outliers > MAX_OUTLIERS:
             yield f"{self.n_outliers} outliers in all, of which the {MAX_OUTLIERS} largest are kept"
@@ -157,10 +158,10 @@ def sums_over_parts(
             file=large.path,
             hint="a file of the readings in seats alone is evaluated as a small session",
         )
-    outside = f"{count_outside(sums.outside, sums.n_outside, sums.n)}."
+    outside = f"{count_outside(sums.outside, sums.n_outside, sums.n_points)}."
     found = (
         *findings_of("trained range", [outside] if sums.n_outside else []),
-        *training_findings(model, sums.n_known, sums.n),
+        *training_findings(model, sums.n_known, sums.n_points),
         *sums.findings,
     )
     return replace(sums, findings=found)

@@ -182,12 +182,11 @@ def _fit(
         learned = select_model(nominal, readings, progress=progress, **options)
     else:
         learned = fit_chosen(first, nominal, readings, progress=progress)
+    expected = [] if of_type is None else [f"Constants are expected as the type has them: {of_type}."]
     found = (
         *findings_of("acceptance", acceptance_remarks(accept)),
         *findings_of("arm", nominal_arm.remarks),
-        *findings_of(
-            "type prior", [f"Constants are expected as the type has them: {of_type}."] * (of_type is not None)
-        ),
+        *findings_of("type prior", expected),
         *used.findings,
         *repeated_readings(used, learned.model),
         *learned.findings,

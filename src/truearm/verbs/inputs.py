@@ -82,11 +82,6 @@ class CheckedSession(NamedTuple):
     n_allowed: int = 0
     merged: MergedReadings[Session] | None = None
 
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return tuple(map(str, self.findings))
-
 
 def to_arm(arm: ArmLike) -> Arm:
     """An arm as it is; one of the catalogue by its name; one from an arm file or a URDF by its path.

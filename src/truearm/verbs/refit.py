@@ -112,8 +112,7 @@ def refit(
         outliers=tuple(outlier.located(given, of_means) for outlier in outliers(new.fit_)),
         remarks=(
             *acceptance_remarks(accept),
-            *allowed.remarks,
-            *map(str, of_lengths),
+            *map(str, (*allowed.findings, *of_lengths)),
             *_remarks(known, new, parts, len(used), len(given)),
         ),
     )

@@ -187,9 +187,9 @@ def _usable(session: Session, arm: Arm, purpose: str) -> tuple[Session, tuple[st
     checked = within_limits(session, arm)
     there = checked.session.has_point
     if there.all():
-        return checked.session, checked.remarks
+        return checked.session, tuple(map(str, checked.findings))
     remark = f"{int((~there).sum())} of {len(there)} {purpose} readings have no point and were skipped."
-    return checked.session.rows(there), (*checked.remarks, remark)
+    return checked.session.rows(there), (*map(str, checked.findings), remark)
 
 
 def _check_fresh(test: Session, train: Session) -> None:

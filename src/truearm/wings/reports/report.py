@@ -353,7 +353,7 @@ def report(
         known,
         _errors(comparison),
         title,
-        (*remarks, *tested.remarks),
+        (*remarks, *map(str, tested.findings)),
         comparison,
         files,
         accept,
