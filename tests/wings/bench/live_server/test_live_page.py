@@ -208,5 +208,5 @@ def test_names_are_text_and_never_markup(tmp_path):
 
 
 def test_without_an_arm_it_says_what_to_do():
-    with pytest.raises(InputError, match="--arm ARM, or --model MODEL"):
+    with pytest.raises(InputError, match="--arm ARM, or --model-file MODEL"):
         drawn_arm(None, None)
