@@ -1,6 +1,6 @@
 """What the terms found on a UR10, and whether it repeats: series A of July 2020 beside series B of November 2020.
 
-Fits all of either series by itself, and draws the figure of docs/ur10-terms.md.
+Fits all of either series by itself, and draws the figure of docs/benchmarks.md.
 """
 
 from __future__ import annotations
