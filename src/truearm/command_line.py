@@ -54,6 +54,7 @@ OTHER_NAMES = {
     "certificate --plan": "--test-plan",
     "certificate --points": "--measured",
     "certificate --sign": "--key",
+    "certificate --template": "truearm verify template about",
     "check --report": "--page",
     "export --source": "--original",
     "fetch --list": "truearm fetch",

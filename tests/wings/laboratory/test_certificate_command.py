@@ -468,7 +468,7 @@ def test_no_page_of_a_certificate_that_cannot_be_written(truearm, bench, snapsho
 
 
 def test_the_template_names_what_is_to_be_filled_in(truearm, bench):
-    ran = truearm("certificate", "--template")
+    ran = truearm("verify", "template", "about")
     assert ran.code == 0
     assert set(tomllib.loads(ABOUT)) - {"received"} == set(tomllib.loads(ran.out))
     Path("about.toml").write_text(ran.out)
@@ -540,7 +540,7 @@ def test_faults_of_several_files_are_said_in_one_run(truearm, bench, snapshot):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"--about": None}, "--about is missing. Try: truearm certificate --template > about.toml"),
+        ({"--about": None}, "--about is missing. Try: truearm verify template about > about.toml"),
         ({"--measured": None}, "--measured is missing"),
         ({"--out": None}, "--out is missing"),
         ({"--out": "certificate.txt"}, "ends in .xml"),

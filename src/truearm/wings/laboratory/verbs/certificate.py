@@ -206,7 +206,7 @@ def certificate(
     verification : VerificationResult
         The results.
     about : AdministrativeData or path
-        Number, dates, arm, laboratory, customer, persons and environment; see `truearm certificate --template`.
+        Number, dates, arm, laboratory, customer, persons and environment; see `truearm verify template about`.
     as_found : VerificationResult, optional
         The results before the adjustment or repair that `about` states.
     unconfirmed : bool

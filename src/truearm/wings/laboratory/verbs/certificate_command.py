@@ -11,7 +11,7 @@ from typer import Option
 
 from truearm.errors import InputError
 from truearm.verbs import options
-from truearm.verbs.console import print_json, print_line, print_record, print_status
+from truearm.verbs.console import print_json, print_record, print_status
 from truearm.wings.laboratory.verbs.verify_command import MeasuredPoints, RuleOption, TestPlan, Trusted
 
 if TYPE_CHECKING:
@@ -48,9 +48,6 @@ def certificate(
         bool, Option("--unconfirmed", help="Certify a plan that is not confirmed: 'not for conformity decisions'.")
     ] = False,
     accept: options.AcceptOption = None,
-    template: Annotated[
-        bool, Option("--template", help="Print a file to fill in for --about, and nothing else.")
-    ] = False,
     read: Annotated[Path | None, Option(help="Read a certificate, .xml or .pdf, and verify its signature.")] = None,
     trusted: Trusted = None,
     as_json: options.Json = False,
@@ -64,11 +61,6 @@ def certificate(
     itself is refused. The exit code is 0 if the signature is good or there is none, 1 if it is broken (do not use the
     file), 3 if it is not verifiable here.
     """
-    if template:
-        from truearm.wings.laboratory.certificate.administrative_data import template as template_text
-
-        print_line(template_text().rstrip("\n"))
-        return
     if read is not None:
         _check_reads_only(context)
         _print_read(read, trusted, as_json)
@@ -80,8 +72,8 @@ def certificate(
     files = (plan, points, artefacts, mpe, about, out)
     for option, file in zip(NEEDED, files, strict=True):
         if file is None:
-            make = "--template > about.toml" if option == "--about" else "--help"
-            raise InputError(f"{option} is missing", hint=f"truearm certificate {make}")
+            make = "verify template about > about.toml" if option == "--about" else "certificate --help"
+            raise InputError(f"{option} is missing", hint=f"truearm {make}")
     from truearm.wings.laboratory.verbs.certificate import certificate as stated
     from truearm.wings.laboratory.verbs.certificate import check_certificate_paths
     from truearm.wings.laboratory.verbs.verify import verify

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
@@ -167,14 +167,15 @@ def print_plan(name: Annotated[str, Argument(help="iso10360-12 or asme-b89.4.22.
 
 
 @verify.command()
-def template(kind: Annotated[TemplateKind, Argument(help="For which option the file is.")]) -> None:
-    """Print an empty file for --artefacts or --mpe.
+def template(kind: Annotated[Literal[TemplateKind, "about"], Argument(help="For which option the file is.")]) -> None:
+    """Print an empty file for --artefacts, --mpe or --about.
 
     To fill in: > mpe.toml.
     """
+    from truearm.wings.laboratory.certificate.administrative_data import template as about
     from truearm.wings.laboratory.standards.file_templates import template as template_text
 
-    typer.echo(template_text(kind), nl=False)
+    typer.echo(about() if kind == "about" else template_text(kind), nl=False)
 
 
 @verify.command("artefacts")
