@@ -44,53 +44,44 @@ def _commands() -> dict[str, str]:
 
 
 COMMANDS = _commands()
-# What other people call commands, and what earlier releases called options: the command and the option that it had.
+# What other people call commands, and what earlier releases called options; of one command where others differ.
 OTHER_NAMES = {
     "calibrate": "fit",
     "identify": "fit",
     "compensate": "predict",
-    "arms --readings": "--session",
-    "certificate --html": "--page",
-    "certificate --plan": "--test-plan",
-    "certificate --points": "--measured",
-    "certificate --sign": "--key",
-    "certificate --template": "truearm verify template about",
-    "check --report": "--page",
-    "export --source": "--original",
-    "fetch --list": "truearm fetch",
-    "fleet check --report": "--page",
-    "fleet prior --into": "--out",
-    "fleet report --out": "--page",
+    "--arm-file": "--out",
+    "--bar-mm": "--bar",
+    "--html": "--page",
+    "--into": "--out",
+    "--length": "--bar",
+    "--lengths": "--out-lengths",
+    "--model": "--model-file",
+    "--out": "--page",
+    "--plan": "--test-plan",
+    "--points": "--measured",
+    "--position": "--column position=NAME",
+    "--readings": "--session",
+    "--report": "--page",
+    "--seat": "--column seat=NAME",
+    "--session": "--column session=NAME",
+    "--sign": "--key",
+    "--source": "--original",
+    "--spec": "--mpe",
+    "--standstill-seconds": "--still",
+    "--table": "--table-top",
+    "--temperature": "--column temperature_degC=NAME",
+    "--test": "--test-session",
+    "--tip": "--column tip=NAME",
     "import --points": "--point",
-    "import --position": "--column position=NAME",
-    "import --seat": "--column seat=NAME",
-    "import --session": "--column session=NAME",
-    "import --standstill-seconds": "--still",
-    "import --temperature": "--column temperature_degC=NAME",
-    "import --tip": "--column tip=NAME",
-    "live --model": "--model-file",
-    "plan --length": "--bar",
-    "plan --table": "--table-top",
+    "verify sheet --points": "--out",
+    "certificate --template": "truearm verify template about",
+    "fetch --list": "truearm fetch",
     "predict --into": "truearm verify fill MODEL SESSION --into points.csv",
-    "record --model": "--model-file",
-    "report --out": "--page",
-    "reproduce --readings": "--session",
-    "reproduce --test": "--test-session",
-    "simulate --bar-mm": "--bar",
-    "simulate --lengths": "--out-lengths",
-    "sources --arm-file": "--out",
-    "task --report": "--page",
-    "task --spec": "--mpe",
     "verify --artefacts-from": "truearm verify artefacts CERTIFICATE",
-    "verify --plan": "--test-plan",
-    "verify --points": "--measured",
     "verify --print-plan": "truearm verify plan NAME",
-    "verify --report": "--page",
     "verify --sheet": "truearm verify sheet PLAN --page sheet.html",
     "verify --simulate": "truearm verify simulate MODEL|PRESET",
     "verify --template": "truearm verify template artefacts",
-    "verify sheet --points": "--out",
-    "verify simulate --plan": "--test-plan",
 }
 # What pydantic, and with it Typer, says of 0,2 and of 5um.
 NO_NUMBER = "Input should be a valid number, unable to parse string as a number"
@@ -251,21 +242,27 @@ def _message(error: Exception) -> str:
     problem = " ".join(problem.split()).replace("Value error, ", "").removesuffix(".")
     problem = problem.replace(NO_NUMBER, "expected a number with a decimal point, such as 0.2")
     context = getattr(error, "ctx", None)
-    if answer := _other_name(problem, context.command_path.partition(" ")[2] if context else ""):
+    if answer := _other_name(problem, context):
         return answer
     stop = "" if problem.endswith("?") else "."
     return f"{problem}{stop} Try: {context.command_path if context else 'truearm'} --help"
 
 
-def _other_name(problem: str, command: str) -> str | None:
+def _other_name(problem: str, context: Any) -> str | None:
     """The answer to a word that has another name here: a command, or an option of a command."""
     found = re.match(r"No such (?:command '|option: )([\w-]+)", problem)
-    word = found[1] if found else ""
-    now = OTHER_NAMES.get(f"{command} {word}".strip())
-    if now is None or now.startswith("truearm "):
-        return now and f"{word} is a command now. Try: {now}"
-    to_try = f"{command} {now}" if now.startswith("-") else f"{now} --help"
-    return f"{word} is called {now.partition(' ')[0]} here. Try: truearm {to_try}"
+    if found is None:
+        return None
+    word, command = found[1], context.command_path.partition(" ")[2] if context else ""
+    now = OTHER_NAMES.get(f"{command} {word}") or OTHER_NAMES.get(word, "")
+    if now.startswith("truearm "):
+        return f"{word} is a command now. Try: {now}"
+    name = now.partition(" ")[0]
+    if not name or (name.startswith("-") and all(name not in one.opts for one in context.command.params)):
+        return None
+    return (
+        f"{word} is called {name} here. Try: truearm {f'{command} {now}' if name.startswith('-') else f'{now} --help'}"
+    )
 
 
 def _print_error(message: str) -> None:
