@@ -112,6 +112,7 @@ BY_NAME: dict[str, Any] = {
     "lengths": LengthsFile,
     "limits": LimitsOption,
     "prior": PriorFile,
+    "quick": Quick,
     "seed": Seed,
     "serial_number": SerialNumber,
     "session": ReadSession,

@@ -189,7 +189,7 @@ def test_without_a_test_every_model_predicts_what_its_folds_held_out(measured, t
     results = result.results
     assert not results.fresh
     assert "60 readings that the cross-validation held out" in result.summary()
-    assert "There are no fresh readings (--test)" in str(result)
+    assert "There are no fresh readings (--test-session)" in str(result)
     rows = fold_rows(np.arange(60), 2, 0)[1]
     others = train.rows(np.setdiff1d(np.arange(60), rows))
     nominal = ta.fit("gao2017", others, model="nominal").model.predict_readings(train.rows(rows))

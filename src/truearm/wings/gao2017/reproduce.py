@@ -167,14 +167,15 @@ def reproduce(
         The nominal arm, for the models to compare with.
     free : iterable of {"base", "tip"}
         What is unknown of its placement.
-    table, figure : int, optional
-        One of tables 2 to 4, or one of figures 1 to 8 (without 5); by default everything, which takes an
-        hour and a quarter.
+    table : int, optional
+        One of tables 2 to 4 alone; by default everything, which takes an hour and a quarter.
+    figure : int, optional
+        One of figures 1 to 8 (without 5) alone, also as figure-N.png.
     quick : bool
         One start a row and no long trainings: minutes.
     time_limit : float, optional
         CPU time of one training [s], 400 by default. A training that it ends is marked wherever its numbers appear;
-        with a larger limit it runs again. `math.inf`: every training runs to its own stop, which takes many hours.
+        with a larger limit it runs again. ``inf``: every training runs to its own stop, which takes many hours.
     folder : path
         Folder for the trainings; created if it does not exist.
     progress : callable, optional

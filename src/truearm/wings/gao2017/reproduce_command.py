@@ -13,6 +13,7 @@ from truearm.errors import InputError
 from truearm.verbs import options
 from truearm.verbs.console import print_json, print_line, print_status, progress
 from truearm.verbs.fit_command import layer_sizes
+from truearm.verbs.signature import of_verb
 
 STEPS = 10_000  # of the bar
 # Options of one use of the command.
@@ -22,23 +23,16 @@ OF_READINGS = (
 )  # fmt: skip
 
 
+@of_verb("truearm.wings.gao2017.reproduce:reproduce", omit=("folder",))
 def reproduce(
+    verb: Any,
     context: typer.Context,
     paper: Annotated[Literal["gao2017"], Argument(metavar="PAPER", help="The paper: gao2017.")],
-    table: Annotated[int | None, Option(metavar="2|3|4", help="One table only.")] = None,
-    figure: Annotated[int | None, Option(metavar="1..8", help="One figure only, also as figure-N.png.")] = None,
     everything: Annotated[bool, Option("--all", help="All of it: an hour and a quarter on two cores.")] = False,
-    quick: options.Quick = False,
-    time_limit: Annotated[
-        float | None,
-        Option(metavar="SECONDS", help="CPU time of one training, 400 by default; inf: no limit, many hours."),
-    ] = None,
     readings: options.ReadSession = None,
     test: Annotated[
         Path | None, Option("--test-session", help="Fresh readings to test on; else those held out of the folds.")
     ] = None,
-    arm: options.ArmOption = None,
-    free: options.FreeOption = "base,tip",
     hidden: Annotated[
         list[str] | None, Option(metavar="20,20", help="Units of the hidden layers to try; repeat it for more.")
     ] = None,
@@ -57,6 +51,7 @@ def reproduce(
     seed: options.Seed = 0,
     out: Annotated[Path, Option(metavar="DIR", help="For the page and the trainings.")] = Path("truearm-gao2017"),
     as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Reproduce a paper, or follow its procedure on your readings.
 
@@ -79,33 +74,25 @@ def reproduce(
             "folds": folds,
             "seed": seed,
         }
-        stated = {"readings": readings, "test": test, "arm": arm, "free": free, **search}
-        _run(paper, out, {"quick": quick, **stated}, as_json=as_json)
+        _run(verb, paper, out, {**given, "readings": readings, "test": test, **search}, as_json=as_json)
         return
     options.refuse_typed(context, OF_READINGS, "applies to --session only")
-    if sum((table is not None, figure is not None, everything)) > 1:
+    parts = sum((given["table"] is not None, given["figure"] is not None, everything))
+    if parts > 1:
         raise InputError("expected one of --table, --figure and --all, got more")
-    if table is None and figure is None and not everything and not quick:
+    if not parts and not given["quick"]:
         raise InputError(
             "expected what to reproduce, got neither --table nor --figure nor --all",
             hint="--quick, which takes minutes; --all takes an hour and a quarter",
         )
-    given = {"table": table, "figure": figure, "quick": quick, "time_limit": time_limit}
-    _run(paper, out, given, as_json=as_json)
+    _run(verb, paper, out, given, as_json=as_json)
 
 
-def _run(paper: Literal["gao2017"], out: Path, given: dict[str, Any], *, as_json: bool) -> None:
+def _run(verb: Any, paper: Literal["gao2017"], out: Path, given: dict[str, Any], *, as_json: bool) -> None:
     """Run, write the files and print the result."""
-    from truearm.wings.gao2017.reproduce import reproduce as reproduced
-
     try:
         with progress("reproducing", total=STEPS) as tell:
-            result = reproduced(
-                paper,
-                folder=out,
-                progress=lambda share, note: tell(round(STEPS * share), note),
-                **given,
-            )
+            result = verb(paper, folder=out, progress=lambda share, note: tell(round(STEPS * share), note), **given)
     except (KeyboardInterrupt, SystemExit):
         print_status(f"truearm: finished trainings are in {out / 'runs'}; the same command resumes with the next one")
         raise

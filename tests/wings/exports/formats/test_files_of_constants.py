@@ -233,7 +233,7 @@ def test_the_tool_is_no_part_of_the_robot(ur10, source, tmp_path):
 
 def test_what_has_no_place_in_the_file_is_refused(ur10, panda, source, tmp_path):
     path = tmp_path / "out.yaml"
-    with pytest.raises(InputError, match=r"the hash by which the driver recognises the robot is not known.*--source"):
+    with pytest.raises(InputError, match=r"the hash by which the driver recognises the robot is not known.*--original"):
         ur_kinematics.write(ur10, path)
     with pytest.raises(InputError, match="expected a UR, got the arm 'panda' of 7 joints"):
         ur_kinematics.write(panda, path)

@@ -133,26 +133,26 @@ def sheet(
 
 
 @verify.command()
+@of_verb("truearm.verbs.predict:predict", omit=("out",))
 def fill(
+    verb: Any,
     model: options.ModelFile,
     session: options.SessionFile,
     into: PointsToFill,
     date: options.Date = None,
     artefact_temperature: ArtefactTemperature = None,
-    conditions: options.ConditionsOption = "reproducibility",
-    accept: options.AcceptOption = None,
     as_json: options.Json = False,
+    **given: Any,
 ) -> None:
     """Fill in points to measure with a model.
 
     A reading for each row without coordinates, in their order. The rows state which model computed them
     (coordinates_from, model, model_sha256, outside_training).
     """
-    from truearm.verbs.predict import predict
     from truearm.wings.laboratory.verbs.fill_points import fill_points
 
     with progress(f"predicting {session.name}"):
-        prediction = predict(model, session, conditions=conditions, accept=accept)
+        prediction = verb(model, session, **given)
         check_output_is_not_input(into, model, session)
         fill_points(prediction, into, date=date, artefact_degC=artefact_temperature)
     print_record(prediction, as_json=as_json, files={"points": into})
