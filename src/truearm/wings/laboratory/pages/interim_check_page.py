@@ -175,8 +175,9 @@ def few_checks_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -
         All checks, for their dates; fewer than charts need.
     """
     needed = 1 + MIN_LIMIT_VALUES
+    height_in = 2.9 + 0.19 * -(-len(trends) // 2)  # the names stand below
     with figure_style():
-        drawing, (axes,) = make_panel(6.4, 2.8)
+        drawing, (axes,) = make_panel(4.6, height_in)
         pens = styles_of(trend.latest.label for trend in trends)
         for trend in trends:
             assert trend.chart is not None
@@ -196,13 +197,14 @@ def few_checks_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -
         axes.set_xlim(0.4, needed + 0.6)
         dates = {i: f"\n{checks[i - 1].date.date()}" for i in (1, len(checks))}
         axes.set_xticks(range(1, needed + 1), [f"{i}{dates.get(i, '')}" for i in range(1, needed + 1)])
-        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
-        drawing.subplots_adjust(right=0.66)
+        drawing.subplots_adjust(bottom=(height_in - 2.4) / height_in)
+        drawing.legend(loc="lower left", ncols=2, bbox_to_anchor=(0.0, 0.0), borderaxespad=0.0)
     return Figure(
         (drawing,),
         caption="Each value as a share of what the uncertainty of the model explains, between the grey lines; a "
         f"diameter by its difference from the mean. The charts with limits begin with check {needed}.",
         alt=f"Values of {len(checks)} checks as shares of what the model explains; {needed} checks are needed.",
+        columns=2,
     )
 
 

@@ -194,7 +194,8 @@ def _records(sheet: OperatorSheet) -> Section:
     if _tests(sheet) & {"single_point", "uni", "volumetric"}:
         text += (
             "\n\nPoints in seats must be the centre of the stylus tip. Many programs compensate single points along "
-            "the direction of approach: switch that off for seats, or the result is wrong by up to the tip's radius."
+            "the direction of approach: switch that off for seats, or the result is wrong by up to the tip's radius. "
+            "Move the elbow from side to side: another posture at each point."
         )
     return Section("Records", text)
 
@@ -211,8 +212,7 @@ def _rows_of_steps(sheet: OperatorSheet) -> Iterator[tuple[str, str, str, int]]:
             direction = describe_direction(one.approach[0], float(np.arctan2(one.at[1], one.at[0])))
             yield name, f"Sphere {balls[place_of(one)]}, the stylus {direction}", _in_file(one.test, one.keys), k
         elif one.test == "single_point":
-            action = f"Seat {seats[place_of(one)]}, the tip's centre, the elbow from side to side, another posture at "
-            yield name, f"{action}each point", _in_file(one.test, one.keys), k
+            yield name, f"Seat {seats[place_of(one)]}, posture after posture", _in_file(one.test, one.keys), k
         else:
             position = one.keys["position"]
             if (one.test, position) in done:
