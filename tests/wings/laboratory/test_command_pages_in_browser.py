@@ -15,7 +15,7 @@ COMMANDS = {
     "plan": ["plan", "measuring7", "--artefact", "bar", "--bar", 500, "--poses", 12, "--out", "p.csv",
              "--page", "plan.html"],
     "report": ["report", "nominal.truearm", "kinematic.truearm", "test.csv", "--page", "report.html"],
-    "sheet": ["verify", "sheet", "iso10360-12", "--page", "sheet.html", "--tip-diameter", 6, *VERIFIED[4:]],
+    "sheet": ["verify", "sheet", "iso10360-12", "--page", "sheet.html", *VERIFIED[4:]],
     "verification": ["verify", *VERIFIED, "--page", "verification.html"],
     "certificate": ["certificate", *VERIFIED, "--about", "about.toml", "--out", "c.xml", "--page", "certificate.html"],
     "check": ["check", "arm.truearm", "day01.csv", "--lengths", "bar.csv", "--history", "h.sqlite",
