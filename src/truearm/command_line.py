@@ -241,6 +241,8 @@ def _message(error: Exception) -> str:
     problem = error.format_message() if isinstance(error, SupportsMessage) else str(error)
     problem = " ".join(problem.split()).replace("Value error, ", "").removesuffix(".")
     problem = problem.replace(NO_NUMBER, "expected a number with a decimal point, such as 0.2")
+    if ". Try: " in problem:  # of the parser of an option
+        return problem.partition("': ")[2]
     context = getattr(error, "ctx", None)
     if answer := _other_name(problem, context):
         return answer

@@ -93,6 +93,12 @@ def test_what_an_option_was_called_is_answered_with_what_it_is_called(truearm):
                     assert ran.err == f"truearm: {said}\n"
 
 
+def test_what_the_parser_of_an_option_refuses_is_said_once(truearm):
+    ran = truearm("fit", "s.csv", "--out", "m.truearm", "--free", "elbow")
+    said = "truearm: --free expects base, tip, base,tip or none, got 'elbow'. Try: --free base,tip\n"
+    assert (ran.code, ran.err) == (2, said)
+
+
 def test_an_option_that_never_was_is_answered_by_none(truearm):
     assert "No such option: --spec" in truearm("fit", "--spec", "x").err
 
