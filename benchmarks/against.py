@@ -81,20 +81,20 @@ def products(readings: int = 0) -> RowResult:
     """What the products of matrices take of a physical fit, which no other work can make shorter.
 
     In CPU seconds of the same fit, and the operations by the sizes: of n readings and p coefficients a matrix of the
-    normal equations at each linearisation, an inverse at each weighing of the evidence and for each outer region, the
-    root of the covariance times the derivatives once for held-out readings.
+    normal equations at each linearisation, an inverse at each weighing of the evidence, a triangle for each outer
+    region, the root of the covariance times the derivatives once for held-out readings.
     """
     from truearm.identification.estimation import problem
-    from truearm.identification.estimation.covariance_root import CovarianceRoot
+    from truearm.identification.estimation.covariance_root import CovarianceRoot, WithoutData
     from truearm.solve import group_evidence
 
     of = {
         "matrices of the normal equations": (problem.SmallMotionProblem, "normal_equations"),
         "matrices of regions": (problem.SmallMotionProblem, "equations_of"),
         "inverses for the evidence": (group_evidence, "_solved"),
-        "inverses without a region": (CovarianceRoot, "without"),
+        "triangles without a region": (CovarianceRoot, "without"),
         "root times derivatives": (CovarianceRoot, "times"),
-        "covariances of a region": (CovarianceRoot, "covariances"),
+        "roots of a region": (WithoutData, "spread"),
     }
     spent = {what: [0.0, 0] for what in of}
 
