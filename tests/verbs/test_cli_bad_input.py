@@ -394,7 +394,6 @@ def test_too_little_memory(refused, monkeypatch):
             ["no column 'nine'", "line 1"],
         ),
         (["import", "s.csv", "--angles", "1,2", "--angle-unit", "grad", "--out", "x.csv"], ["unknown unit", "'grad'"]),
-        (["import", "s.csv", "--angles", "1", "--angle-unit", "counts", "--out", "x.csv"], ["counts"]),
         (["import", "s.csv", "--angles", "1,2", "--angle-unit", "deg", "--zero", "0,nan", "--out", "x.csv"], ["nan"]),
         (["import", "s.csv", "--angles", "1,1", "--angle-unit", "deg", "--out", "x.csv"], ["used for two things"]),
         (["fetch", "ur10"], ["no data set 'ur10'", "ur10-a"]),
