@@ -9,6 +9,7 @@ import pytest
 
 from truearm.arm.catalogue import load_arm
 from truearm.models import KinematicModel, NominalModel
+from truearm.models.refit import refit
 from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits
 from truearm.readings import Session
 from truearm.wings.planning.designs.sampling import box, seat
@@ -107,18 +108,57 @@ def test_what_limits_is_the_largest_of_three_parts_that_add_up(model, others):
     budget = replace(uncertainty_budget(model, others)[0], of_parameters_mm=0.5)
     camera = replace(others, point_std=np.full((300, 3), 1.0))
     instrument, parameters = np.sqrt(8 / np.pi) * np.array([1.0, 0.5])
-    (found,) = what_limits(budget, camera, 2.0, 100)
+    (found,) = what_limits(budget, camera, 2.0, model)
     assert found.sentence.startswith("The instrument limits you: the instrument makes 1.6 mm of the mean error")
     parts = [found.numbers[f"{name}_mm"] for name in ("instrument", "number_of_readings", "arm")]
     assert parts[:2] == pytest.approx([instrument, parameters])
     assert np.linalg.norm(parts) == pytest.approx(2.0)
     assert found.numbers["with_more_readings_mm"] == pytest.approx(np.sqrt(4.0 - 0.75 * parameters**2))
-    assert "arm limits you" in str(next(what_limits(budget, camera, 5.0, 100)))
+    assert "training readings (150)" in found.sentence
+    assert "arm limits you" in str(next(what_limits(budget, camera, 5.0, model)))
     few = replace(budget, of_parameters_mm=2.0)
-    assert "number of readings limits you" in str(next(what_limits(few, camera, 3.6, 10)))
+    assert "number of readings limits you" in str(next(what_limits(few, camera, 3.6, model)))
     # A laser tracker shows the arm's errors, and a reference of unstated uncertainty no part of its own.
-    assert not list(what_limits(budget, replace(camera, point_std=np.full((300, 3), 0.05)), 2.0, 100))
-    assert not list(what_limits(budget, replace(camera, point_std=None), 2.0, 100))
+    assert not list(what_limits(budget, replace(camera, point_std=np.full((300, 3), 0.05)), 2.0, model))
+    assert not list(what_limits(budget, replace(camera, point_std=None), 2.0, model))
+
+
+def test_parts_that_exceed_the_errors_seen_are_not_called_their_limit(model, others):
+    """Of a mean error of 0.068 mm an instrument cannot make 1.6 mm; a little more than all of it is chance."""
+    budget = uncertainty_budget(model, others)[0]
+    camera = replace(others, point_std=np.full((300, 3), 1.0))
+    (found,) = what_limits(budget, camera, 0.068, model)
+    assert found.what == "stated uncertainty"
+    assert "instrument, 1.0 mm a coordinate, exceeds the errors seen: state it smaller" in found.sentence
+    assert found.sentence.endswith("a mean error of 1.6 mm, this one shows 0.068 mm.")
+    (found,) = what_limits(budget, camera, 1.55, model)
+    parts = [found.numbers[f"{name}_mm"] for name in ("instrument", "number_of_readings", "arm")]
+    assert np.linalg.norm(parts) == pytest.approx(1.55)
+    # Noise along one axis: its mean length is that of the errors seen, not smaller.
+    along = replace(others, point_std=np.tile([1.0, 1e-3, 1e-3], (300, 1)))
+    (found,) = what_limits(budget, along, np.sqrt(2 / np.pi), model)
+    assert found.what == "what limits"
+    # Uncertain parameters may exceed them too, which says nothing of the instrument.
+    assert not list(what_limits(replace(budget, of_parameters_mm=3.0), camera, 2.0, model))
+
+
+def test_nothing_limits_training_readings_and_a_refit_has_its_own_number(virtual, model, others):
+    camera = replace(others, point_std=np.full((300, 3), 1.0))
+    budget = uncertainty_budget(model, others)[0]
+    trained = virtual.measure(box(ARM, 150, seed=1).angles, seed=1).readings
+    mixed = Session(
+        np.concatenate([trained.angles, others.angles]),
+        np.concatenate([trained.points, others.points]),
+        point_std=np.ones((450, 3)),
+    )
+    for readings in (replace(trained, point_std=np.ones((150, 3))), mixed):
+        assert not list(what_limits(budget, readings, 2.0, model))
+        assert not list(what_limits(budget, readings, 0.1, model))
+    moved = virtual.measure(box(ARM, 20, seed=5).angles, seed=5).readings
+    refitted = refit(KinematicModel(ARM).fit_readings(trained), moved)
+    (found,) = what_limits(budget, camera, 2.0, refitted)
+    assert "the number of refit readings (20)" in found.sentence
+    assert "; 80 readings would give" in found.sentence
 
 
 def test_the_errors_of_a_camera_are_those_that_a_perfect_arm_would_show(rng):

@@ -219,7 +219,7 @@ def write_arm(
     convention : {"dh", "mdh"}
         Of the TOML file's table.
     notes : dict of str to str
-        Comments of the TOML file, one line each, by the names of joints.
+        Comments of the TOML file, one line each, by the names of joints, ``"tip"`` and ``"base"``.
 
     Raises
     ------
@@ -344,6 +344,7 @@ def _toml_lines(arm: Arm, table: DHTable, notes: Mapping[str, str]) -> Iterator[
     if arm.nominal_error_mm:
         yield f"nominal_error_mm = {_plain(arm.nominal_error_mm)}"
     yield f'convention = "{table.convention}"'
+    yield from (f"# {printable_name(notes[part])}" for part in ("base", "tip") if part in notes)
     yield f"tip_mm = {_listed(table.tip_in_flange)}  # the tip after the last joint's row"
     if (arm.gravity_direction != [0, 0, -1]).any():
         yield f"gravity_in_base = {_listed(arm.gravity_direction)}  # direction of gravity"

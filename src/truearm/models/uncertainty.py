@@ -136,34 +136,63 @@ def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[Unce
 MEAN_LENGTH = float(np.sqrt(8 / np.pi))
 # Instruments of more show their own errors, not the arm's, as cameras and rulers do [mm, a coordinate].
 POOR_INSTRUMENT_MM = 0.2
+# Mean error that a statement explains over the one seen, from which the statement is too large: noise along one axis
+# alone has a mean length 1.15 times smaller than that of equal coordinates, and lengths vary by 0.42 of their mean.
+SHAPE_RATIO, LENGTH_VARIATION, SURE = 1.2, 0.42, 2.0
 # So many times as many readings are considered.
 MORE_READINGS = 4
 
 
-def what_limits(budget: UncertaintyBudget, readings: Session, mean_error_mm: float, n_train: int) -> Iterator[Finding]:
+def what_limits(
+    budget: UncertaintyBudget, readings: Session, mean_error_mm: float, model: Compensator
+) -> Iterator[Finding]:
     """Which of instrument, number of readings and arm has the largest part of an error under a poor instrument.
 
     The mean error on readings that are not those of the training has three independent parts: the instrument's own, as
     it is stated; that of the parameters, which falls with the square root of the number of training readings; and the
-    rest, which no model of the arm explains.
+    rest, which no model of the arm explains. Nothing is said of training readings, whose errors a fit has reduced.
     """
-    if readings.point_std is None or budget.is_relative:
+    if readings.point_std is None or budget.is_relative or not budget.n_points:
         return
     noise = float(np.sqrt((readings.point_std[readings.has_point] ** 2).mean()))
-    if noise < POOR_INSTRUMENT_MM:
+    if noise < POOR_INSTRUMENT_MM or model.trained_on(readings).any():
         return
     instrument, parameters = MEAN_LENGTH * noise, MEAN_LENGTH * budget.of_parameters_mm
+    most = mean_error_mm * (SHAPE_RATIO + SURE * LENGTH_VARIATION / np.sqrt(budget.n_points))
+    if instrument > most:
+        said = (
+            f"The stated uncertainty of the instrument, {format_mm(noise)} a coordinate, exceeds the errors seen: "
+            f"state it smaller. A perfect arm would show a mean error of {format_mm(instrument)}, this one shows "
+            f"{format_mm(mean_error_mm)}."
+        )
+        yield Finding("stated uncertainty", said, {"stated_mm": noise, "mean_error_mm": mean_error_mm})
+        return
+    explained, trained = float(np.hypot(instrument, parameters)), _training_size(model)
+    if explained > most or trained is None:
+        return
+    # Parts whose squares add up to that of the mean error, also where that is below what is stated by chance.
+    share = min(1.0, mean_error_mm / explained)
+    instrument, parameters = share * instrument, share * parameters
     arm = float(np.sqrt(max(mean_error_mm**2 - instrument**2 - parameters**2, 0.0)))
     more = float(np.sqrt(instrument**2 + arm**2 + parameters**2 / MORE_READINGS))
     parts = {"instrument": instrument, "number of readings": parameters, "arm": arm}
     largest = max(parts, key=lambda name: parts[name])
+    n, what = trained
     said = (
         f"The {largest} limits you: the instrument makes {format_mm(instrument)} of the mean error "
-        f"({format_mm(noise)} a coordinate), the number of training readings ({n_train}) {format_mm(parameters)}, the "
-        f"arm {format_mm(arm)}; {MORE_READINGS * n_train} readings would give {format_mm(more)}."
+        f"({format_mm(noise)} a coordinate), the number of {what} readings ({n}) {format_mm(parameters)}, the "
+        f"arm {format_mm(arm)}; {MORE_READINGS * n} readings would give {format_mm(more)}."
     )
     numbers = {f"{name.replace(' ', '_')}_mm": value for name, value in parts.items()}
     yield Finding("what limits", said, {**numbers, "with_more_readings_mm": more})
+
+
+def _training_size(model: Compensator) -> tuple[int, str] | None:
+    """Number of readings of the training, or of the refits of a model that was refitted; None if it is not known."""
+    identified, known = to_identified(model), model.training_.known
+    if identified is None or not identified.is_refitted:
+        return model.n_train_, "training"
+    return None if known is None else (known.n_refit, "refit")
 
 
 def _frame_is_arbitrary(model: IdentifiedModel) -> bool:

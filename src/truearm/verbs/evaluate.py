@@ -191,7 +191,7 @@ def _evaluate_session(
         n_training=tested.n_training,
         findings=(
             *findings_of("acceptance", acceptance_remarks(accept)),
-            *([] if budget is None else what_limits(budget, used, errors["model"]["mean_mm"], fitted.n_train_)),
+            *([] if budget is None else what_limits(budget, used, errors["model"]["mean_mm"], fitted)),
             *tested.findings,
             *evaluation_findings(at, nominal),
         ),

@@ -24,6 +24,7 @@ def filled(truearm, tmp_path_factory):
     made = truearm("arms", "--circles-plan", 6, "--points", 8, "--span", 50, "--out", path)
     assert made.code == 0, made.err
     assert "48 readings" in made.out
+    assert f"truearm arms --from-circles {path} --out my-arm.toml" in made.out
     form, arm = pd.read_csv(path), load_arm("ur10")
     angles = form.filter(regex="^note_q").to_numpy(float) + [0, -90, 60, 10, 20, 0]
     pose = arm.forward(np.radians(angles))
@@ -48,6 +49,18 @@ def test_an_arm_without_a_drawing(truearm, filled, tmp_path):
     assert found["a_mm"][1] == pytest.approx(-612, abs=6 * found["u_a_mm"][1])
     assert truearm("arms", tmp_path / "mine.toml").code == 0
     assert truearm("arms", "--from-circles", filled, "--out", tmp_path / "mine.urdf").code == 0
+
+
+def test_an_arm_of_which_a_joint_is_missing_is_written_with_exit_code_1(truearm, filled, tmp_path):
+    table = pd.read_csv(filled)
+    table[table.index // 8 != 5].to_csv(tmp_path / "five.csv", index=False)
+    done = truearm("arms", "--from-circles", tmp_path / "five.csv", "--out", tmp_path / "mine.toml")
+    assert done.code == 1
+    assert done.out.startswith("J6 not measured: an arm of 5 of 6 joints")
+    assert load_arm(tmp_path / "mine.toml").n_joints == 6
+    machine = truearm("arms", "--from-circles", tmp_path / "five.csv", "--json")
+    assert machine.code == 1
+    assert json.loads(machine.out)["tip_mm"] == [None] * 3
 
 
 @pytest.mark.parametrize(

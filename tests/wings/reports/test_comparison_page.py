@@ -73,6 +73,22 @@ def test_an_error_that_falls_by_less_than_its_uncertainty_has_no_tick(compared):
     assert "does not fall by more than the uncertainty of that difference" in verdict.detail
 
 
+def test_readings_whose_neighbours_err_alike_count_by_their_effective_number(compared):
+    """A model that is no better, whose gains drift in runs of 25 readings: chance gives 2.5 % of ticks."""
+    n, run, ticks = 800, 25, 0
+    points = np.zeros((n, 3))
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        drift = np.repeat(random.normal(0, 0.1, n // run), run) + random.normal(0, 0.02, n)
+        before, after = points.copy(), points.copy()
+        before[:, 0], after[:, 0] = 1.0 + drift, 1.0
+        predicted = {"nominal": before, "model": after}
+        errors = {name: dict(compare_errors(one, before, points)) for name, one in predicted.items()}
+        one = replace(compared, predicted=predicted, errors=errors, points=points)
+        ticks += comparison_verdict(one, {}).state == "good"
+    assert ticks <= 6  # of 60 where independent readings would give some 20
+
+
 def test_the_readings_are_a_scene_with_the_arm_and_their_uncertainty(compared):
     stated = replace(compared, std_mm={"model": np.full(40, 0.02)}, reading_names=[f"line {i}" for i in range(40)])
     page = comparison_page(stated, title="T", subtitle="", facts=[])

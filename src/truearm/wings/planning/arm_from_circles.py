@@ -20,11 +20,11 @@ from truearm.models.arm_check import arm_of_readings
 from truearm.readings import Session
 from truearm.readings.checks import serial_number_of
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 from truearm.verbs.inputs import SessionLike, to_session, unfilled_rows
 from truearm.verbs.record import TableRecord, TextTable, format_fixed
 from truearm.verbs.sentences import format_mm, number_of
-from truearm.wings.planning.circles.axes import EstimatedAxes, estimate_axes, uncertain_directions
+from truearm.wings.planning.circles.axes import Axes, EstimatedAxes, estimate_axes, uncertain_directions
 from truearm.wings.planning.circles.joint_circles import (
     LEAST_POINTS,
     LEAST_RADIUS_MM,
@@ -45,9 +45,13 @@ LEAST_SAID_GAIN = 1e-3
 LEAST_ARC_PLANNED = 10.0
 # Standard uncertainties of directions whose radius a plan says, the first in its file; and longer spans.
 PLANNED_DEG, DIRECTIONS_DEG, SPANS_DEG = 2.0, (0.5, 1.0, 2.0), (90.0, 120.0, 180.0)
+# Of planned angles in JSON [deg].
+PLANNED_DECIMALS = 9
 MAX_DIRECTION_DEG = float(np.degrees(MAX_DIRECTION_STD))
 # Of lengths that are zero by convention.
 ROUNDING_MM = 1e-9
+# Tilt and shift of an axis that was not measured, to see what depends on it, and what counts as dependence [rad, mm].
+TRIED_TILT_RAD, TRIED_SHIFT_MM, DEPENDS = 0.03, 10.0, 1e-6
 
 
 @one_blas_thread()
@@ -101,12 +105,16 @@ def arm_from_circles(
         raise faults[min(faults)]
     failed = {joint: f"{fault.problem}: {fault.hint}" for joint, fault in sorted(faults.items())}
     table = _own_frames(drawn_table(estimated.axes.chain(), convention))
+    std, is_base_measured = _uncertainty(estimated, convention), True
+    if failed:
+        depends, is_base_measured = _depends_on(failed, estimated.axes, convention)
+        std = np.where(depends, np.nan, std)
     n_points = len(np.unique(np.concatenate([circle.rows for circle in circles])))
     at_joint_1 = replace(table, base=np.eye(4))
     arm = Arm(
         name,
         at_joint_1.chain(),
-        title="measured by the circles of its joints" + _but(failed),
+        title="measured by the circles of its joints" + _but(failed, std, is_base_measured=is_base_measured),
         working_pose=estimated.axes.pose,
         source="; ".join([_source(given, n_points, len(circles), estimated), *acceptance_remarks(accept)]),
         serial_number=serial_number_of(given),
@@ -115,14 +123,14 @@ def arm_from_circles(
     remarks = [*acceptance_remarks(accept), *map(str, unfilled_rows(given)), *said]
     if unused := len(given) - n_points:
         remarks.append(f"{number_of(unused)} in no circle, ignored.")
-    return CircleArm(
-        arm, table, _uncertainty(estimated, convention), circles, estimated, failed, n_points, tuple(remarks)
-    )
+    return CircleArm(arm, table, std, circles, estimated, failed, n_points, tuple(remarks), is_base_measured)
 
 
-def _but(failed: Collection[int]) -> str:
-    """What a title says of joints that were not measured."""
-    return f"; {', '.join(f'J{joint + 1}' for joint in failed)} not measured" if failed else ""
+def _but(failed: Collection[int], std: FloatArray, *, is_base_measured: bool) -> str:
+    """What a title says of joints, tip and base that were not measured."""
+    names = [f"J{joint + 1}" for joint in failed]
+    names += ["tip"] * bool(np.isnan(std[-3:]).any()) + ["base frame"] * (not is_base_measured)
+    return f"; {', '.join(names)} not measured" if names else ""
 
 
 def _source(given: Session, n_points: int, n_circles: int, estimated: EstimatedAxes) -> str:
@@ -155,6 +163,25 @@ def _uncertainty(estimated: EstimatedAxes, convention: Convention) -> FloatArray
     jacobian = np.stack([(constants(h) - constants(-h)) / (2 * h.sum()) for h in steps], axis=1)
     variance = np.einsum("ip,pq,iq->i", jacobian, estimated.covariance, jacobian)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _depends_on(joints: Collection[int], axes: Axes, convention: Convention) -> tuple[BoolArray, bool]:
+    """Which of `constants_of` depend on the axes of these joints, and whether the base frame does not.
+
+    The axes are tilted and shifted by steps without symmetry: a first derivative may vanish where an axis is assumed.
+    """
+    free = replace(axes, is_measured=np.isin(np.arange(len(axes.pose)), list(joints)))
+    nominal = axes.chain()
+    sizes = np.array([TRIED_TILT_RAD, TRIED_TILT_RAD, TRIED_SHIFT_MM, TRIED_SHIFT_MM])
+    step = np.concatenate([np.zeros(3), *(sizes[:n] for n in free.n_own[::-1].tolist())])
+    step *= np.random.default_rng(0).uniform(0.3, 1.0, len(step))
+    as_assumed, moved = (nearest_table(one.chain(), nominal, convention=convention) for one in (axes, free.moved(step)))
+    depends = np.abs(constants_of(moved) - constants_of(as_assumed)) > DEPENDS
+    columns = depends[: 6 * len(axes.pose)].reshape(len(COLUMNS), -1)
+    names = [name.partition("_")[0] for name in COLUMNS]
+    # Whether the axes are parallel, so that there are a beta and a b, is not known either.
+    columns[[names.index("beta"), names.index("b")]] |= columns[names.index("alpha")]
+    return depends, bool(np.abs(moved.base - as_assumed.base).max() <= DEPENDS)
 
 
 def constants_of(table: DHTable) -> FloatArray:
@@ -197,15 +224,17 @@ class CircleArm(TableRecord):
         Its constants; `base` is the place of joint 1 in the frame of the instrument.
     std : (6 n_joints + 3,) array
         Standard uncertainties of the columns a, d, alpha, theta, beta, b one after the other [mm, rad] and of the tip
-        in the last joint's frame; 0 of what is a convention.
+        in the last joint's frame; 0 of what is a convention, NaN of what was not measured.
     circles : tuple of JointCircle
     estimated : EstimatedAxes
         The axes in one pose, in the frame of the instrument, with their covariance.
     failed : dict of int to str
         Joints, counted from 0, whose circles do not show their axes: why, and what to do. The file has them through
-        the target, across the axis before, or as they are seen; it marks them.
+        the target, across the axis before, or as they are seen; it marks them, and all constants that depend on them.
     n_points : int
     remarks : tuple of str
+    is_base_measured : bool
+        Whether the base frame depends on measured axes alone.
     """
 
     arm: Arm
@@ -216,6 +245,7 @@ class CircleArm(TableRecord):
     failed: Mapping[int, str]
     n_points: int
     remarks: tuple[str, ...]
+    is_base_measured: bool = True
 
     def u(self, column: str) -> FloatArray:
         """(n_joints,) standard uncertainties of a column of the table, a, d, alpha, .. [mm, or rad]."""
@@ -228,17 +258,41 @@ class CircleArm(TableRecord):
         parts = ((name, self.u(name.partition("_")[0])) for name in COLUMNS)
         return {name: np.degrees(part) if name.endswith("deg") else part for name, part in parts}
 
+    @property
+    def tip_std(self) -> FloatArray:
+        """(3,) standard uncertainties of the tip in the last joint's frame [mm]."""
+        return self.std[6 * self.arm.n_joints :]
+
+    def _not_measured(self) -> dict[str, str]:
+        """The constants that were not measured, such as ``"d, theta"``, by joint, and the tip's and the base's."""
+        u, shown = self._u_columns(), self.table.used_columns()
+        found = {}
+        for i, joint in enumerate(self.arm.joint_names):
+            if names := [name.partition("_")[0] for name in shown if np.isnan(u[name][i])]:
+                found[joint] = ", ".join(names)
+        if np.isnan(self.tip_std).any():
+            found["tip"] = "the tip"
+        if not self.is_base_measured:
+            found["base"] = "the base frame"
+        return found
+
+    def _failed_names(self) -> str:
+        return " and ".join(self.arm.joint_names[joint] for joint in self.failed)
+
     def save(self, path: str | Path) -> None:
         """Write the arm file, .toml or .urdf (see docs/arm-file.md)."""
-        notes = {self.arm.joint_names[joint]: f"not measured: {reason}" for joint, reason in self.failed.items()}
+        why = f"not measured, as {self._failed_names()} is not"
+        notes = {name: f"{what}: {why}" for name, what in self._not_measured().items()}
+        notes |= {self.arm.joint_names[joint]: f"not measured: {reason}" for joint, reason in self.failed.items()}
         write_arm(self.arm, path, convention=self.table.convention, notes=notes)
 
     def summary(self) -> str:
         """The answer in one sentence."""
         n = self.arm.n_joints
         joints = number_of(n, "joint") if not self.failed else f"{n - len(self.failed)} of {n} joints"
+        first = f"{self._failed_names()} not measured: an" if self.failed else "An"
         return (
-            f"An arm of {joints} from {self.n_points} points on "
+            f"{first} arm of {joints} from {self.n_points} points on "
             f"{number_of(len(self.circles), 'circle')}: residual standard deviation "
             f"{format_mm(self.estimated.residual_std_mm)} of a coordinate."
         )
@@ -250,16 +304,26 @@ class CircleArm(TableRecord):
             f"J{joint + 1} is not measured. {reason[0].upper()}{reason[1:]}." for joint, reason in self.failed.items()
         )
         if self.failed:
-            before = sorted({self.arm.joint_names[j] for joint in self.failed for j in (max(joint - 1, 0), joint)})
+            parts = [
+                what if name in ("tip", "base") else f"{what} of {name}" for name, what in self._not_measured().items()
+            ]
             yield (
-                f"So the constants of {' and '.join(before)} in the file are not measured. Add the readings of a "
-                "better circle to the session and repeat the command."
+                f"What depends on {self._failed_names()} is not measured either: {'; '.join(parts)}. The file has "
+                "assumed values there, so that it loads. Add the readings of a better circle to the session and repeat "
+                "the command."
             )
         yield self._constants_table()
-        n = self.arm.n_joints
-        tip = ", ".join(_with_u(*one) for one in zip(self.table.tip_in_flange, self.std[6 * n :], strict=True))
-        yield f"tip, the target that was seen: {tip} mm"
-        yield "The base frame is that of joint 1: z along its axis, x where its angle is zero."
+        if np.isnan(self.tip_std).any():
+            yield "tip, the target that was seen: not measured"
+        else:
+            tip = ", ".join(_with_u(*one) for one in zip(self.table.tip_in_flange, self.tip_std, strict=True))
+            yield f"tip, the target that was seen: {tip} mm"
+        if self.is_base_measured:
+            yield "The base frame is that of joint 1: z along its axis, x where its angle is zero."
+        elif 0 in self.failed:
+            yield "The base frame is not measured: that of the file is on an assumed axis of joint 1."
+        else:
+            yield "Of the base frame only z is measured, along the axis of joint 1; origin and x are not."
         if round_ones := self.near_round_values():
             yield (
                 f"Round values that a drawing may have here, within U (k = 2), not put in place of what was measured: "
@@ -274,20 +338,17 @@ class CircleArm(TableRecord):
         for name, values in self.table.columns().items():
             column, _, unit = name.partition("_")
             for i, (value, uncertainty) in enumerate(zip(values, u[name], strict=True)):
-                if i in self.failed or i + 1 in self.failed:
+                if not uncertainty > 0:
                     continue
                 nearest = ROUND_DEG * round(value / ROUND_DEG) if unit == "deg" else 0.0
-                if uncertainty > 0 and value != nearest and abs(value - nearest) <= COVERAGE * uncertainty:
+                if value != nearest and abs(value - nearest) <= COVERAGE * uncertainty:
                     found.append(f"J{i + 1} {column} {nearest:.0f} {unit}")
         return found
 
     def _constants_table(self) -> TextTable:
         shown, u = self.table.used_columns(), self._u_columns()
         rows = [
-            [
-                f"{joint} (not measured)" if i in self.failed else joint,
-                *(_with_u(values[i], u[name][i]) for name, values in shown.items()),
-            ]
+            [joint, *(_with_u(values[i], u[name][i]) for name, values in shown.items())]
             for i, joint in enumerate(self.arm.joint_names)
         ]
         heads = [f"{name} (u)" for name in shown]
@@ -304,22 +365,27 @@ class CircleArm(TableRecord):
         return TextTable(("circle", "points", "travel", "radius mm", "scatter mm"), rows)
 
     def columns(self) -> dict[str, Any]:
-        """A row for each joint: its constants and their standard uncertainties, 0 of what is a convention."""
-        u = {f"u_{name}": values for name, values in self._u_columns().items()}
-        return {"joint": list(self.arm.joint_names), **self.table.columns(), **u}
+        """A row for each joint: its constants and their standard uncertainties, 0 of what is a convention.
+
+        NaN of what was not measured.
+        """
+        of_columns = self._u_columns()
+        u = {f"u_{name}": values for name, values in of_columns.items()}
+        values = {name: _if_measured(one, of_columns[name]) for name, one in self.table.columns().items()}
+        return {"joint": list(self.arm.joint_names), **values, **u}
 
     def _json(self) -> object:
-        n = self.arm.n_joints
+        constants = self.columns()
+        del constants["joint"]
         return {
             "summary": self.summary(),
             "convention": self.table.convention,
-            **self.table.columns(),
-            **{f"u_{name}": u for name, u in self._u_columns().items()},
-            "tip_mm": self.table.tip_in_flange,
-            "u_tip_mm": self.std[6 * n :],
-            "base_in_instrument": self.table.base,
+            **constants,
+            "tip_mm": _if_measured(self.table.tip_in_flange, self.tip_std),
+            "u_tip_mm": self.tip_std,
+            "base_in_instrument": self.table.base if self.is_base_measured else None,
             "residual_std_mm": self.estimated.residual_std_mm,
-            "gains": self.estimated.gains,
+            "gains": _if_measured(self.estimated.gains, self.estimated.gain_std),
             "u_gains": self.estimated.gain_std,
             "round_values": self.near_round_values(),
             "not_measured": {self.arm.joint_names[joint]: reason for joint, reason in self.failed.items()},
@@ -327,8 +393,15 @@ class CircleArm(TableRecord):
         }
 
 
+def _if_measured(values: FloatArray, u: FloatArray) -> FloatArray:
+    """Values, NaN where their standard uncertainty is NaN: what was not measured."""
+    return np.where(np.isnan(u), np.nan, values)
+
+
 def _with_u(value: float, u: float) -> str:
     """A constant with its standard uncertainty to two figures, such as ``612.04 (0.03)``; a convention without."""
+    if np.isnan(u):
+        return "not measured"
     if u <= 0 or not np.isfinite(u):
         return f"{value + 0.0:g}"
     decimals = int(np.clip(1 - np.floor(np.log10(u)), 0, 6))
@@ -380,19 +453,22 @@ class CirclesPlan(TableRecord):
         Angles of each joint [rad].
     noise_mm : float
         Standard uncertainty of a coordinate of the instrument.
+    file : Path, optional
+        The session file to fill in, if it was written.
     """
 
     n_joints: int
     turns: FloatArray
     noise_mm: float
+    file: Path | None = None
 
     def radius_needed(self, direction_std_deg: float, span_deg: float | None = None) -> float:
         """Distance of the target from an axis [mm] at which its direction is known so well [deg]; over another span."""
         turns = self.turns * (1.0 if span_deg is None else np.radians(span_deg) / np.ptp(self.turns))
         return max(radius_needed(turns, self.noise_mm, float(np.radians(direction_std_deg))), LEAST_RADIUS_MM)
 
-    def save(self, path: str | Path, *, force: bool = False) -> None:
-        """Write the session file to fill in, .csv; new, unless `force` replaces it."""
+    def save(self, path: str | Path, *, force: bool = False) -> CirclesPlan:
+        """Write the session file to fill in, .csv, new unless `force` replaces it; return the plan with its `file`."""
         check_new_file(path, force=force, endings=(".csv",))
         n, m = self.n_joints, len(self.turns)
         arm = Arm("unknown arm", Chain(np.tile(np.eye(4), (n + 1, 1, 1)), np.zeros(3)))
@@ -405,10 +481,11 @@ class CirclesPlan(TableRecord):
             )
             notes += [note] * m
         write_aims(arm, angles, path, names={}, notes=notes, points=True)
+        return replace(self, file=Path(path))
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
-        m, span, needed = len(self.turns), float(np.degrees(np.ptp(self.turns))), self.radius_needed(PLANNED_DEG)
+        m, span, needed = len(self.turns), self._span_deg, self.radius_needed(PLANNED_DEG)
         yield f"{self.n_joints * m} readings, {m} of each of {number_of(self.n_joints, 'joint')}, over {span:.0f} deg."
         yield (
             f"Keep the target {needed:.0f} mm or more from the axis of the joint that moves: an instrument of "
@@ -418,11 +495,18 @@ class CirclesPlan(TableRecord):
         )
         rows = [tuple(f"{cell:.0f}" for cell in row) for row in zip(*self.columns().values(), strict=True)]
         yield TextTable(("span deg", *(f"radius mm for {u:g} deg" for u in DIRECTIONS_DEG)), rows, left_aligned=())
-        yield "Fill in angles and points; then truearm arms --from-circles FILE --out my-arm.toml."
+        if self.file is None:
+            yield "Write the file to fill in with save."
+        else:
+            yield f"Fill in angles and points; then truearm arms --from-circles {self.file} --out my-arm.toml."
+
+    @property
+    def _span_deg(self) -> float:
+        return round(float(np.degrees(np.ptp(self.turns))), PLANNED_DECIMALS)
 
     def columns(self) -> dict[str, list[float]]:
         """The distances of the target from an axis that find its direction, by the span of the circle."""
-        span = float(np.degrees(np.ptp(self.turns)))
+        span = self._span_deg
         spans = [span, *(one for one in SPANS_DEG if one > span + 1)]
         radii = {f"radius_for_{u:g}_deg_mm": [self.radius_needed(u, one) for one in spans] for u in DIRECTIONS_DEG}
         return {"span_deg": spans, **radii}
@@ -430,7 +514,7 @@ class CirclesPlan(TableRecord):
     def _json(self) -> object:
         return {
             "n_readings": self.n_joints * len(self.turns),
-            "turns_deg": np.degrees(self.turns),
+            "turns_deg": np.round(np.degrees(self.turns), PLANNED_DECIMALS),
             "noise_mm": self.noise_mm,
             **self.columns(),
         }

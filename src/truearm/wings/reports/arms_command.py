@@ -53,6 +53,7 @@ def arms(
     With --session: what is wrong where arm and readings contradict each other. Nothing is changed; --apply writes the
     arm without the mistake to a new file.
     With --from-circles: an arm without a drawing, measured by the circles that its joints describe one by one.
+    Exit code 1: a joint is not measured, and the arm file marks it.
     """
     from truearm.arm import write_arm
     from truearm.arm.catalogue import arm_path
@@ -133,15 +134,14 @@ def _plan_circles(
 
     if out is None:
         raise InputError("--circles-plan needs --out", hint=f"truearm arms --circles-plan {n_joints} --out circles.csv")
-    planned = plan_circles(n_joints, points=points, span_deg=span, noise_mm=noise)
-    planned.save(out, force=force)
+    planned = plan_circles(n_joints, points=points, span_deg=span, noise_mm=noise).save(out, force=force)
     print_record(planned, as_json=as_json, files={"session": out})
 
 
 def _measure(
     circles: Path, out: Path | None, convention: Convention, accept: str | None, *, force: bool, as_json: bool
 ) -> None:
-    """The arm of a session of circles, printed and, with --out, written."""
+    """The arm of a session of circles, printed and, with --out, written; exit code 1 if a joint is not measured."""
     from truearm.wings.planning.arm_from_circles import arm_from_circles
 
     if out is not None:
@@ -151,3 +151,5 @@ def _measure(
     if out is not None:
         measured.save(out)
     print_record(measured, as_json=as_json, files={"arm": out})
+    if measured.failed:
+        raise typer.Exit(1)

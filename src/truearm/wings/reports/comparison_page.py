@@ -20,6 +20,7 @@ from truearm.pages.drawings.readings_scene import readings_scene
 from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.scene import Mechanism
+from truearm.solve.effective_number import design_effect
 from truearm.typing import FloatArray
 
 # Share of the readings in their 95 % ellipsoids from which the stated uncertainty counts as confirmed: readings of one
@@ -251,8 +252,7 @@ def comparison_verdict(
     if before is not None:
         distances = _distances(compared)
         gains = distances[before] - distances[best]
-        u_gain = float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else np.inf
-        if not gains.mean() > SURE * u_gain:
+        if not gains.mean() > SURE * _u_of_mean(gains):
             state = "doubtful"
             details.append("The error does not fall by more than the uncertainty of that difference.")
     if doubts and best in doubts:
@@ -270,6 +270,15 @@ def comparison_verdict(
                 state = "doubtful"
                 details.append("The stated uncertainty is too small for these readings.")
     return PageVerdict(error_sentence(compared), state, " ".join(details))
+
+
+def _u_of_mean(values: FloatArray) -> float:
+    """Standard uncertainty of the mean of values in the order of their readings, of which neighbours are alike."""
+    n, variance = len(values), float(values.var(ddof=1)) if len(values) > 1 else np.inf
+    if not 0 < variance < np.inf:
+        return variance
+    off = values - values.mean()
+    return float(np.sqrt(variance / n * design_effect(off[:, None], np.array([[1 / (n * variance)]]), n).factor))
 
 
 def _in_space(compared: ModelComparison) -> Section:

@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 import truearm as ta
 from truearm.arm import Arm, load_arm, read_arm, write_arm
 from truearm.arm.chain import Chain
+from truearm.arm.nearest_table import nearest_table
 from truearm.errors import InputError
+from truearm.wings.planning.arm_from_circles import constants_of
 from truearm.wings.planning.circles.axes import Axes
 from truearm.wings.planning.circles.joint_circles import direction_std, joint_circles
 
@@ -139,9 +141,10 @@ def marked(session, joint, tmp_path):
     assert list(measured.failed) == [joint]
     n, name = measured.arm.n_joints, f"J{joint + 1}"
     text = str(measured)
-    assert text.startswith(f"An arm of {n - 1} of {n} joints")
+    assert text.startswith(f"{name} not measured: an arm of {n - 1} of {n} joints")
     assert f"{name} is not measured. " in text
-    assert measured.arm.title.endswith(f"{name} not measured")
+    assert f"; {name}" in measured.arm.title
+    assert measured.arm.title.endswith(" not measured")
     measured.save(tmp_path / "my-arm.toml")
     written = (tmp_path / "my-arm.toml").read_text(encoding="utf-8")
     assert f'# not measured: {reason}\nname = "{name}"' in written
@@ -150,6 +153,79 @@ def marked(session, joint, tmp_path):
     base, tips = measured.table.base, read_arm(tmp_path / "my-arm.toml").chain.tip_in_base(session.angles[used])
     np.testing.assert_allclose(tips @ base[:3, :3].T + base[:3, 3], session.points[used], atol=0.15)  # mm; noise 0.02
     return reason
+
+
+ALL = ("a", "d", "alpha", "theta")
+
+
+@pytest.mark.parametrize("convention", ["dh", "mdh"])
+@pytest.mark.parametrize(
+    ("joint", "unknown", "others"),
+    [
+        (0, {"dh": {1: ("a", "alpha"), 2: ("d", "theta")}, "mdh": {2: ALL}}, ["the base frame"]),
+        (1, {"dh": {1: ("a", "alpha"), 2: ALL, 3: ("d", "theta")}, "mdh": {2: ALL, 3: ALL}}, ["the base frame"]),
+        (3, {"dh": {3: ALL, 4: ALL, 5: ("d", "theta")}, "mdh": {3: ("d", "theta"), 4: ALL, 5: ALL}}, []),
+        (4, {"dh": {4: ALL, 5: ALL}, "mdh": {4: ("d", "theta"), 5: ALL, 6: ("a", "alpha")}}, ["the tip"]),
+        (5, {"dh": {5: ALL}, "mdh": {5: ("d", "theta"), 6: ("a", "alpha")}}, ["the tip"]),
+    ],
+)
+def test_what_depends_on_a_joint_that_failed_is_not_measured_and_the_rest_is_as_planted(
+    circles, convention, joint, unknown, others, tmp_path
+):
+    chain, session = circles
+    measured = ta.arm_from_circles(session.rows(np.arange(72) // 12 != joint), convention=convention)
+    found = measured.to_dict()
+    for row in range(6):
+        names = unknown[convention].get(row + 1, ())
+        for column in ("a_mm", "d_mm", "alpha_deg", "theta_deg"):
+            is_unknown = column.partition("_")[0] in names
+            assert (found[column][row] is None) == is_unknown, (row + 1, column)
+            assert (found[f"u_{column}"][row] is None) == is_unknown
+    assert (found["tip_mm"] == found["u_tip_mm"] == [None] * 3) == ("the tip" in others)
+    assert (found["base_in_instrument"] is None) == ("the base frame" in others)
+    assert [row for row in range(6) if found["u_gains"][row] is None] == [joint]
+    assert [row for row in range(6) if found["gains"][row] is None] == [joint]
+    measured.save(tmp_path / "mine.toml")
+    written, text = (tmp_path / "mine.toml").read_text(encoding="utf-8"), str(measured)
+    for what in others:
+        assert f"# {what}: not measured, as J{joint + 1} is not" in written
+        assert f"; {what}" in text
+        assert what.removeprefix("the ") in measured.arm.title
+    for row, names in unknown[convention].items():
+        assert f"{', '.join(names)} of J{row}" in text
+        if row != joint + 1:
+            assert f'# {", ".join(names)}: not measured, as J{joint + 1} is not\nname = "J{row}"' in written
+    assert ("The base frame is that of joint 1" in text) == ("the base frame" not in others)
+    assert not any(name.startswith(f"J{joint + 1} ") for name in measured.near_round_values())
+    # Every constant that is stated is that of the planted arm, within what it states.
+    true = nearest_table(chain, ta.arm_from_circles(session).estimated.axes.chain(), convention=convention)
+    known = np.isfinite(measured.std) & (measured.std > 0)
+    # The side of a common normal is a convention, which follows that of the joint before.
+    off = np.abs(np.abs(constants_of(measured.table)) - np.abs(constants_of(true)))[known] / measured.std[known]
+    assert off.max() < 5  # some 25 Gaussian errors
+
+
+def test_the_heights_of_parallel_axes_depend_on_the_joint_before_them(tmp_path):
+    """J2, J3 and J4 of a UR10 are nearly parallel: J1's axis gives the height at which their distances are taken."""
+    chain, stand = planted("ur10", 1)
+    found = ta.arm_from_circles(swept(chain, stand, 1, points=12, arc_deg=60).rows(np.r_[12:72])).to_dict()
+    assert [row + 1 for row in range(6) if found["d_mm"][row] is None] == [4]
+    assert [row + 1 for row in range(6) if found["a_mm"][row] is None] == [1, 2, 3]
+
+
+def test_circles_between_which_a_joint_that_failed_moved_name_it_first(circles):
+    chain, session = circles
+    angles = session.angles.copy()
+    angles[:, 3] += np.repeat([0.0, 0.8, -0.6, 0.0, 1.1, -0.9], 12)
+    angles = angles[np.arange(72) // 12 != 3]
+    fault = refused(ta.Session(angles, chain.tip_in_base(angles)), "^J4 is not measured and stood at several angles")
+    assert "J4 has no circle" in str(fault)
+    assert fault.hint.startswith("move J4 alone")
+    # Where it stood still, the base that moved is said besides.
+    rest = session.rows(np.arange(72) // 12 != 3)
+    points = rest.points.copy()
+    points[24:] += [30.0, -20.0, 10.0]
+    refused(ta.Session(rest.angles, points), "^J4 has no circle.*; the circles scatter .* not of one arm")
 
 
 def test_a_joint_without_circle_is_marked_and_the_others_are_written(circles, tmp_path):
@@ -200,7 +276,10 @@ def test_a_plan_says_its_radii(tmp_path):
     planned = ta.plan_circles(5, noise_mm=1.0)
     assert planned.radius_needed(1.0) == pytest.approx(2 * planned.radius_needed(2.0))
     assert planned.radius_needed(1.0, span_deg=120) < 0.3 * planned.radius_needed(1.0)
-    planned.save(tmp_path / "circles.csv")
+    saved = planned.save(tmp_path / "circles.csv")
+    assert f"--from-circles {tmp_path / 'circles.csv'} --out" in str(saved)
+    assert "FILE" not in str(planned)
+    assert planned.to_dict()["turns_deg"][0] == -30.0
     assert f"the target {planned.radius_needed(2.0):.0f} mm or more" in (tmp_path / "circles.csv").read_text("utf-8")
     with pytest.raises(InputError, match="uncertainty of a coordinate"):
         ta.plan_circles(5, noise_mm=0.0)

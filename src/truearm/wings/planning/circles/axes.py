@@ -23,7 +23,14 @@ from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.solve import DenseProblem, gauss_newton
 from truearm.typing import BoolArray, FloatArray, IntArray
-from truearm.wings.planning.circles.joint_circles import MAX_DIRECTION_STD, Circles, JointCircle, radius_needed
+from truearm.wings.planning.circles.joint_circles import (
+    MAX_DIRECTION_STD,
+    STILL_MM,
+    STILL_RAD,
+    Circles,
+    JointCircle,
+    radius_needed,
+)
 
 # Circles that scatter together by so many times as much as one by one, and by so much, are not of one arm, base and
 # target: arms bend by less.
@@ -163,7 +170,7 @@ class EstimatedAxes:
     gains : (n_joints,) array
         Factor of each joint's angles that fits its circles best, beside all else; 1 of an encoder that is right.
     gain_std : (n_joints,) array
-        Their standard uncertainties.
+        Their standard uncertainties; NaN of a joint without circles.
     """
 
     axes: Axes
@@ -228,22 +235,38 @@ def estimate_axes(session: Session, measured: Circles, is_prismatic: BoolArray) 
     gains = 1 - gram @ (beside.T @ (weight * residuals).ravel())
     left = (weight * residuals).ravel() + beside @ (gains - 1)
     gain_std = np.sqrt(np.maximum(gram.diagonal(), 0.0) * float(left @ left) / max(n_free - len(gains), 1))
+    gain_std[~is_measured] = np.nan
     std = float(np.sqrt((residuals**2).sum() / n_free))
     estimated = EstimatedAxes(axes, covariance, std, gains, gain_std)
-    _check(session, circles, estimated)
+    _check(session, measured, estimated, angles)
     return estimated
 
 
-def _check(session: Session, circles: Sequence[JointCircle], estimated: EstimatedAxes) -> None:
-    """Refuse circles that are not of one arm."""
-    each = float(np.sqrt(np.mean([circle.residual_std_mm**2 for circle in circles])))
-    if estimated.residual_std_mm > max(MAX_SCATTER_RATIO * each, MAX_SCATTER_MM):
+def _check(session: Session, measured: Circles, estimated: EstimatedAxes, angles: FloatArray) -> None:
+    """Refuse circles that are not of one arm; a joint that failed may be why, if it stood at several angles."""
+    each = float(np.sqrt(np.mean([circle.residual_std_mm**2 for circle in measured.circles])))
+    if estimated.residual_std_mm <= max(MAX_SCATTER_RATIO * each, MAX_SCATTER_MM):
+        return
+    scatter = f"scatter by {estimated.residual_std_mm:.2g} mm together and by {each:.2g} mm one by one"
+    hint = (
+        "base, instrument and target must stay where they are between the circles; the angles of the joints that stand "
+        "must be right, too, and no joint may pull another along (import --couple)"
+    )
+    moved = np.ptp(angles, axis=0) > np.where(estimated.axes.is_prismatic, STILL_MM, STILL_RAD)
+    not_still = [joint for joint in sorted(measured.failed) if moved[joint]]
+    if not not_still:
+        first = "".join(f"{fault.problem}; " for _, fault in sorted(measured.failed.items()))
         session.contradict(
-            f"the circles scatter by {estimated.residual_std_mm:.2g} mm together and by {each:.2g} mm one by one: they "
-            "are not of one arm with one base and one target",
-            hint="base, instrument and target must stay where they are between the circles; the angles of the joints "
-            "that stand must be right, too, and no joint may pull another along (import --couple)",
+            f"{first}the circles {scatter}: they are not of one arm with one base and one target", hint=hint
         )
+        return
+    names = " and ".join(f"J{joint + 1}" for joint in not_still)
+    problems = "; ".join(measured.failed[joint].problem for joint in not_still)
+    session.contradict(
+        f"{names} is not measured and stood at several angles in the circles of the other joints, which {scatter}: "
+        f"{problems}",
+        hint=f"{measured.failed[not_still[0]].hint}; or hold {names} at one angle in all other circles. {hint}",
+    )
 
 
 def uncertain_directions(
