@@ -172,7 +172,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     undecided; of `task` not fit, fit only with guard bands; of `check` recalibrate, repeat the check or too few
     checks; of `correct` some targets refused, none corrected; of `fleet run` some arms failed; of `export --check` the
     file does not agree, is not verified; of `certificate --read` the signature is broken, not verifiable here; of
-    `sources --try` no sample arrived.
+    `sources --try` no sample arrived; of `arms --from-circles` a joint is not measured.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     _settle_encodings()
