@@ -28,14 +28,23 @@ _HOMES = {
     "truearm.verbs.refit": ("RefitResult", "refit"),
     **_public_names(),
 }
-# Former names, until the next release: a session of any size goes through one verb.
+# Former names, until the next release: a session of any size goes through one verb. Where their attributes are now.
+_OF_FIT = (
+    "result is the FitResult itself, and its of_sample for the sample alone; n_passes, total, effect and n_effective "
+    "are in all_readings, and of_sample is all_readings.why_of_sample"
+)
+_OF_EVALUATION = (
+    "sums.errors is sums.points, sums.remarks is remarks, and n_covered, n_covered_99, variance, n_outliers, outliers "
+    "and outliers_of_file of sums are in sums.applies"
+)
+_OF_PREDICTION = "sums.n_points is sums.n, sums.unstated is unstated_u_mm, and sums.remarks is remarks"
 _FORMER = {
-    "LargeEvaluation": "Evaluation",
-    "LargeFit": "FitResult",
-    "LargePrediction": "Prediction",
-    "evaluate_large": "evaluate",
-    "fit_large": "fit",
-    "predict_large": "predict",
+    "LargeEvaluation": ("Evaluation", _OF_EVALUATION),
+    "LargeFit": ("FitResult", _OF_FIT),
+    "LargePrediction": ("Prediction", _OF_PREDICTION),
+    "evaluate_large": ("evaluate", _OF_EVALUATION),
+    "fit_large": ("fit", _OF_FIT),
+    "predict_large": ("predict", _OF_PREDICTION),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -48,8 +57,9 @@ def __getattr__(name: str) -> object:
     if name in _MODULES:
         return _import_module(_MODULES[name])
     if name in _FORMER:
-        _warn(f"truearm.{name} is truearm.{_FORMER[name]} now", DeprecationWarning, stacklevel=2)
-        name = _FORMER[name]
+        present, attributes = _FORMER[name]
+        _warn(f"truearm.{name} is truearm.{present} now: {attributes}", DeprecationWarning, stacklevel=2)
+        name = present
     if name not in _HOME_OF:
         raise AttributeError(f"module 'truearm' has no attribute {name!r}")
     try:

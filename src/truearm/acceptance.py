@@ -17,6 +17,7 @@ from typing import ParamSpec, TypeVar, cast
 from truearm.errors import Contradiction, InputError, joined
 
 MAX_TEXT = 300  # of a reason, and of a contradiction in short
+MAX_PRINTED = 6  # contradictions
 OVERRIDE = "if the readings are right all the same, --accept REASON (accept= in Python) goes on"
 
 _Arguments = ParamSpec("_Arguments")
@@ -47,7 +48,8 @@ class Acceptance:
                 )
 
     def __str__(self) -> str:
-        return f"Accepted ({self.reason}): {'; '.join(self.contradictions)}."
+        named, others = self.contradictions[:MAX_PRINTED], len(self.contradictions) - MAX_PRINTED
+        return f"Accepted ({self.reason}): {'; '.join(named)}{f'; and {others} others' * (others > 0)}."
 
 
 _current: ContextVar[tuple[str, list[str]] | None] = ContextVar("accepted", default=None)
@@ -104,6 +106,19 @@ def accepting_afresh() -> Iterator[None]:
     finally:
         _current.reset(before)
         earlier += [one for one in own if one not in earlier]
+
+
+def overridden() -> tuple[str, ...]:
+    """What the running block has accepted until now, in short."""
+    current = _current.get()
+    return () if current is None else tuple(current[1])
+
+
+def accept_also(contradictions: Sequence[str]) -> None:
+    """Note in the running block what was `overridden` in parts of its work, which other processes may have done."""
+    current = _current.get()
+    if current is not None:
+        current[1][:] = dict.fromkeys((*current[1], *contradictions))
 
 
 def accepts(verb: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

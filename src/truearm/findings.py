@@ -51,6 +51,19 @@ def in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda one: _ORDER[one.what]))
 
 
+def shortened(findings: Iterable[Finding], most: int) -> tuple[Finding, ...]:
+    """The first `most` findings of each thing, and how many others parts of a session have."""
+    by_what: dict[What, list[Finding]] = {}
+    for one in findings:
+        by_what.setdefault(one.what, []).append(one)
+    kept: list[Finding] = []
+    for what, found in by_what.items():
+        kept += found[:most]
+        if n := len(found[most:]):
+            kept.append(Finding(what, f"And {n} other remarks on {what} in other parts of the session.", {"n": n}))
+    return tuple(kept)
+
+
 def format_mm(value: float) -> str:
     """A length in mm with two significant digits, and no digit below 10 nm."""
     decimals = 2 if value <= 0 else min(max(1 - floor(log10(value)), 0), 5)

@@ -145,12 +145,12 @@ def test_a_nominal_arm_is_placed_by_all_readings(folder):
     found = ta.fit("ur10", folder, model="nominal")
     assert found.all_readings.total.sums.gram.shape == (9, 9)
     assert found.model.nominal_ is found.model.fit_
-    assert not found.all_readings.of_sample
+    assert not found.all_readings.why_of_sample
 
 
 def test_models_that_are_no_sums_are_those_of_the_sample_and_say_so(folder):
     found = ta.fit("ur10", folder, model="network", hidden=(3,), epochs=2)
-    assert found.all_readings.of_sample
+    assert found.all_readings.why_of_sample
     assert "The model is that of 1000 readings, evenly spaced in the session, and not of all" in str(found)
     assert found.all_readings.n_effective is None
 

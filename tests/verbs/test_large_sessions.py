@@ -96,7 +96,7 @@ def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, mod
         for figure, value in errors.items():
             assert value == pytest.approx(whole.errors[name][figure], rel=2e-3 if "p95" in figure else 1e-9)
     assert parts.coverage == whole.coverage
-    assert parts.sums.n_covered_99 == whole.budget.n_covered_99
+    assert parts.sums.stated["reproducibility"].n_covered_99 == whole.budget.n_covered_99
     assert parts.to_dict()["combined_u_mm"] == pytest.approx(whole.budget.combined_mm)
     again = ta.evaluate(model, folder, executor=Processes(2))
     assert again.to_dict() == parts.to_dict()

@@ -41,9 +41,14 @@ class QuantileSketch(Sums):
         return cls(np.bincount(bins, minlength=_N_BINS).astype(np.int64))
 
     def quantile(self, share: float) -> float:
-        """The value below which a share of the numbers lies, to `ACCURACY`; NaN without numbers."""
+        """The value below which a share of the numbers lies, as `numpy.quantile`, to `ACCURACY`; NaN without numbers.
+
+        Between two numbers it is interpolated: the median of two is their mean.
+        """
         total = np.cumsum(self.counts)
         if not total[-1]:
             return float("nan")
-        which = int(np.searchsorted(total, share * (total[-1] - 1), side="right"))
-        return float(SMALLEST * np.exp((which + 0.5) * _LOG_GROWTH))
+        place = share * (total[-1] - 1)
+        both = np.searchsorted(total, [np.floor(place), np.ceil(place)], side="right")
+        lower, upper = SMALLEST * np.exp((both + 0.5) * _LOG_GROWTH)
+        return float(lower + (place - np.floor(place)) * (upper - lower))

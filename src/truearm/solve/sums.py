@@ -27,9 +27,14 @@ def one_below_the_other(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.concatenate([a, b])
 
 
+def different(a: tuple[T, ...], b: tuple[T, ...]) -> tuple[T, ...]:
+    """What parts say, once each."""
+    return tuple(dict.fromkeys((*a, *b)))
+
+
 def first_different(a: tuple[T, ...], b: tuple[T, ...]) -> tuple[T, ...]:
     """The first different of what parts say, `MAX_KEPT` of them."""
-    return tuple(dict.fromkeys((*a, *b)))[:MAX_KEPT]
+    return different(a, b)[:MAX_KEPT]
 
 
 @dataclass(frozen=True, eq=False)

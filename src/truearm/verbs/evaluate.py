@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,7 +48,7 @@ from truearm.verbs.sentences import SAME_DAY, compare_with_nominal, format_mm, l
 
 if TYPE_CHECKING:
     from truearm.solve.executors import Executor
-    from truearm.verbs.evaluation_sums import EvaluationSums
+    from truearm.verbs.evaluation_sums import CoverageSums, EvaluationSums
 
 PURPOSE = "evaluate against"
 
@@ -122,7 +123,9 @@ def evaluate(
     """
     if is_regressor(model):
         if is_large(session):
-            raise InputError("a regressor is not evaluated in parts", file=session, hint="a session in one file")
+            got = "a folder" if Path(session).is_dir() else "a file that is read in parts"
+            hint = "join the readings, or fewer of them, in one file"
+            raise InputError(f"a regressor is evaluated on one file, got {got}", file=session, hint=hint)
         return _evaluate_regressor(model, to_session(session), lengths, accept)
     if not is_large(session):
         return _evaluate_session(*to_model_and_session(model, session), lengths, limits, conditions, accept)
@@ -142,8 +145,8 @@ def evaluate(
         predicted={},
         errors=sums.errors(),
         lengths=None,
-        conditions=conditions,
-        outliers=sums.outliers,
+        conditions=sums.conditions,
+        outliers=sums.applies.outliers,
         n_training=sums.n_training,
         findings=sums.findings,
         n_parts=len(large.parts),
@@ -265,18 +268,28 @@ class Evaluation(TableRecord):
 
     @property
     def coverage(self) -> float | None:
-        """Share of the reference points inside the 95 % ellipsoid that the model states for any day.
-
-        Of a session in parts that which it states for the conditions of the readings.
-        """
-        of = self.sums or self.budget
+        """Share of the reference points inside the 95 % ellipsoid that the model states for any day."""
+        of = self._any_day
         return None if of is None or not of.n_points else of.n_covered / of.n_points
 
     @property
     def coverage_99(self) -> float | None:
         """Share of them inside that of 99 %."""
-        of = self.sums or self.budget
+        of = self._any_day
         return None if of is None or not of.n_points else of.n_covered_99 / of.n_points
+
+    @property
+    def repeatability_coverage(self) -> float | None:
+        """The `coverage` under repeatability conditions; None where these make no difference."""
+        return None if self._same_day is None else self._same_day.coverage
+
+    @property
+    def _any_day(self) -> UncertaintyBudget | CoverageSums | None:
+        return self.budget if self.sums is None else self.sums.stated["reproducibility"]
+
+    @property
+    def _same_day(self) -> UncertaintyBudget | CoverageSums | None:
+        return self.repeatability_budget if self.sums is None else self.sums.stated.get("repeatability")
 
     def summary(self) -> str:
         """The answer in one sentence: the mean error, and how it compares with the nominal arm."""
@@ -316,8 +329,8 @@ class Evaluation(TableRecord):
                 yield f"{100 * self.coverage:.1f} % of the points are inside their stated 95 % ellipsoid"
             if self.coverage_99 is not None:
                 yield f"{100 * self.coverage_99:.1f} % of the points are inside their stated 99 % ellipsoid"
-            if self.repeatability_budget is not None:
-                yield self._on_the_day(self.repeatability_budget)
+            if self._any_day is not None and self._same_day is not None:
+                yield self._on_the_day(self._any_day, self._same_day)
         if "seats" in own:
             heading = f"{own['n_in_seats']} readings in {len(own['seats'])} seats"
             yield self._table(heading, [name for name in own if name.startswith("seat_")])
@@ -326,7 +339,8 @@ class Evaluation(TableRecord):
             yield self._table(heading, [name for name in own if name.startswith("distance_")])
         if "lengths" in own:
             yield self._lengths_table()
-        yield from listed("outlier", self.outliers, "readings")
+        n_outliers = len(self.outliers) if self.sums is None else self.sums.applies.n_outliers
+        yield from listed("outlier", self.outliers, "readings", n_outliers)
         if self.sums is not None:
             yield from self.sums.skipped_and_outliers()
         yield from self.remarks
@@ -338,10 +352,9 @@ class Evaluation(TableRecord):
     def _json(self) -> object:
         """The model's errors by their names, and those of the nominal arm under ``nominal``."""
         errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
-        others = self._named("coverage", "coverage_99", "conditions", "n_training", "outliers", "remarks")
-        same, sums = self.repeatability_budget, self.sums
-        of_parts = {} if sums is None else {"n_parts": self.n_parts, **sums.to_json()}
-        others["repeatability_coverage"] = same and same.coverage
+        names = "coverage", "coverage_99", "conditions", "n_training", "outliers", "remarks", "repeatability_coverage"
+        others = self._named(*names)
+        of_parts = {} if self.sums is None else {"n_parts": self.n_parts, **self.sums.to_json()}
         return {"summary": self.summary(), **errors, **others, **of_parts}
 
     def _errors_mm(self) -> Mapping[str, FloatArray]:
@@ -350,17 +363,16 @@ class Evaluation(TableRecord):
         there = self.session.has_point
         return {name: np.linalg.norm((at - points)[there], axis=1) for name, at in self.predicted.items()}
 
-    def _on_the_day(self, budget: UncertaintyBudget) -> str:
+    def _on_the_day(self, any_day: UncertaintyBudget | CoverageSums, same_day: UncertaintyBudget | CoverageSums) -> str:
         """The coverage under repeatability conditions, and which conditions apply."""
-        assert self.budget is not None
         applies = {
             "repeatability": "These conditions apply to the readings.",
             "reproducibility": "The readings are of another day or set-up: that of any day applies.",
             None: "Which applies is not known: name the sessions, or give --conditions.",
         }
-        u, wider = (format_mm(one.combined_mm) for one in (budget, self.budget))
+        u, wider = (format_mm(one.combined_mm) for one in (same_day, any_day))
         return (
-            f"{100 * budget.coverage:.1f} % are inside the 95 % ellipsoid of repeatability conditions, {SAME_DAY}: "
+            f"{100 * same_day.coverage:.1f} % are inside the 95 % ellipsoid of repeatability conditions, {SAME_DAY}: "
             f"u {u}, of any day {wider}. {applies[self.conditions]}"
         )
 

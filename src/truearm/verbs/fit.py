@@ -136,19 +136,21 @@ def fit(
     if not is_large(session):
         return work(to_session(session, n_joints=n_joints), progress=progress, **options)
     from truearm.readings.large_sessions import LargeSession  # no small session waits for these
-    from truearm.verbs.fit_sums import fit_all
+    from truearm.verbs.fit_sums import check_lengths_in_sample, fit_all
 
     large = LargeSession.open(session, n_joints=n_joints, executor=executor, progress=progress)
     of_sample = progress and (lambda _, note: progress(0, f"sample: {note}"))
+    sample = large.sample()
+    if lengths is not None:
+        check_lengths_in_sample(lengths, sample, large)
     try:
-        found = work(large.sample(), progress=of_sample, **options)
+        found = work(sample, progress=of_sample, **options)
     except Contradiction as error:
         if len({part.file for part in large.parts}) == 1:
             raise
         hint = "fit each file alone: one of them may differ from the others, in its units or its arm"
         raise error.with_hint(f"{error.hint}; or {hint}" if error.hint else hint) from None
-    sample = found.model, found.session, found.n_readings
-    new, every = fit_all(*sample, large, limits, accept)
+    new, every = fit_all(found.model, found.session, found.n_readings, large, limits, accept)
     return replace(found, model=new, n_readings=len(large), all_readings=every)
 
 
@@ -340,7 +342,9 @@ class FitResult(Record):
             of = "that was kept " * (fit is not None and bool(self.comparison))
             raise InputError(f"a {self.model_name} model {of}identifies no joint zeros", hint="model='kinematic'")
         zeros = joint_zeros(fit.chain, self.model.arm_, free=self.model.free)
-        source = f"{self.model.arm_.source}; joint zeros identified from {len(self.session)} readings".strip("; ")
+        summed = None if self.all_readings is None else self.all_readings.total
+        n = len(self.session) if summed is None else summed.sums.n
+        source = f"{self.model.arm_.source}; joint zeros identified from {n} readings".strip("; ")
         source = "; ".join([source, *map(str, self.model.accepted_)])
         return replace(with_zeros(self.model.arm_, zeros), source=source)
 
@@ -362,7 +366,7 @@ class FitResult(Record):
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
             of = " of a distance" if self.model.held_out_.n_coordinates < 3 else ""
             lengths = None if self.training is None else self.training.get("lengths")
-            what = "held-out readings of the sample" if every is not None and every.of_sample else "held-out readings"
+            what = "held-out readings" + " of the sample" * (every is not None and bool(every.why_of_sample))
             return with_lengths(f"Mean error{of} {format_mm(error)} on {what}", compared, lengths) + about
         if self.training is not None and "mean_mm" in self.training:
             mean = self.training["mean_mm"]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from truearm.acceptance import accepting
-from truearm.errors import Contradiction
+from truearm.errors import Contradiction, InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.from_sums import Iterate, identified, improved, of_the_model_itself, without_part
@@ -25,14 +25,14 @@ from truearm.identification.references.references import Points
 from truearm.models import Compensator
 from truearm.models.identified_model import IdentifiedModel, to_identified
 from truearm.models.training_conditions import InputRange, TrainingConditions
-from truearm.readings import Session
+from truearm.readings import Lengths, Session, read_lengths
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.solve.effective_number import DesignEffect
 from truearm.solve.sums import MAX_KEPT, Sums, first_different, joined
 from truearm.typing import FloatArray
-from truearm.verbs.inputs import Limits, allowed_in_part, check_has_reference
+from truearm.verbs.inputs import LengthsLike, Limits, allowed_in_part, check_has_reference
 from truearm.verbs.sentences import describe_effective_number, number_of
 
 # Stretches of the session that are held out in turn.
@@ -105,7 +105,7 @@ class AllReadings:
     ----------
     n_sample : int
         Readings of the sample that were fitted, before repeats are merged.
-    of_sample : str
+    why_of_sample : str
         Why the model is that of the sample; empty where it is identified from all readings.
     n_passes : int
         Passes over the session, beside the one that selects the sample.
@@ -115,7 +115,7 @@ class AllReadings:
     """
 
     n_sample: int
-    of_sample: str
+    why_of_sample: str
     n_passes: int = 0
     total: FitSums | None = None
     effect: DesignEffect | None = None
@@ -137,7 +137,7 @@ class AllReadings:
         if self.total is None or self.effect is None or self.n_effective is None:
             yield (
                 f"The model is that of {n_sample} readings, evenly spaced in the session, and not of all: "
-                f"{self.of_sample}."
+                f"{self.why_of_sample}."
             )
             return
         used, gross = self.total.sums.n, self.total.sums.n_gross
@@ -159,7 +159,7 @@ class AllReadings:
         """The figures by their names in JSON."""
         total, effect = self.total, self.effect
         return {
-            "model_of_sample": self.of_sample or None,
+            "model_of_sample": self.why_of_sample or None,
             "n_passes": self.n_passes,
             "n_effective": self.n_effective,
             "n_used": None if total is None else total.sums.n,
@@ -167,6 +167,28 @@ class AllReadings:
             "n_block": None if effect is None else effect.n_block,
             "is_effective_number_settled": None if effect is None else effect.is_settled,
         }
+
+
+def check_lengths_in_sample(lengths: LengthsLike, sample: Session, large: LargeSession) -> None:
+    """Refuse known lengths between seats of which the sample of a session has no reading.
+
+    Raises
+    ------
+    InputError
+        If there are such, and the sample is not the whole session.
+    """
+    n = len(sample) + len(sample.unfilled)
+    if n == len(large):
+        return
+    stated = lengths if isinstance(lengths, Lengths) else read_lengths(lengths)
+    known = stated.within([] if sample.seat is None else [*sample.seat.tolist(), *sample.unfilled])
+    if missing := len(stated) - (0 if known is None else len(known)):
+        raise InputError(
+            f"{missing} of {len(stated)} lengths are between seats that are not in the sample of {n} of {len(large)} "
+            "readings, to which lengths are fitted",
+            file=stated.file,
+            hint="omit them, or fit a file of the readings in seats alone as a small session",
+        )
 
 
 def sums_of_readings(

@@ -406,10 +406,16 @@ def without_training_readings(session: Session, *models: Compensator) -> tuple[S
     known = np.any([model.skipped_in_tests(session) for model in models], axis=0)
     if known.all() or not known.any() or not _is_compared_as(session, others := session.rows(~known)):
         return session, np.arange(len(session)), ()
-    n = int(known.sum())
-    are = agree(n, "are")
-    remark = f"{n} of {len(session)} {are} training readings of the model and {are} skipped: all figures are of others."
-    return others, np.flatnonzero(~known), (Finding("training readings", remark, {"n": n}),)
+    return others, np.flatnonzero(~known), skipped_training(int(known.sum()), len(session))
+
+
+def skipped_training(n_training: int, n: int) -> tuple[Finding, ...]:
+    """That of `n` readings those of the training were skipped; nothing if there are none."""
+    if not n_training:
+        return ()
+    are = agree(n_training, "are")
+    remark = f"{n_training} of {n} {are} training readings of the model and {are} skipped: all figures are of others."
+    return (Finding("training readings", remark, {"n": n_training}),)
 
 
 def _is_compared_as(session: Session, some: Session) -> bool:

@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from truearm.acceptance import Acceptance, acceptance_remarks, accepted, accepts
+from truearm.acceptance import (
+    Acceptance,
+    accept_also,
+    acceptance_remarks,
+    accepted,
+    accepting,
+    accepts,
+    overridden,
+)
 from truearm.choices import Conditions
 from truearm.errors import InputError
 from truearm.files.table_writer import Columns, table_writer
-from truearm.findings import Finding, findings_of
+from truearm.findings import Finding, findings_of, shortened
 from truearm.models import Compensator
 from truearm.models.angle_mistakes import doubt_about_angles
 from truearm.models.arm_check import with_read_angles
@@ -26,7 +34,7 @@ from truearm.readings.checks import serial_number_of
 from truearm.readings.files import is_large, open_parquet
 from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.solve.quantile_sketch import QuantileSketch
-from truearm.solve.sums import Sums, first_different, joined
+from truearm.solve.sums import MAX_KEPT, Sums, different, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.verbs.inputs import (
@@ -127,31 +135,34 @@ def predict(
                 for table in of_part.tables:
                     append(table)
                 sums = sums + replace(of_part, tables=())
-        of_arm = known.accepted_, known.arm_.serial_number
+        accept_also(sums.overridden)
+        sums = replace(sums, findings=shortened(sums.findings, MAX_KEPT))
+        of_arm = accepted(known.accepted_), known.arm_.serial_number
         found = Prediction(known, None, sums, len(large.parts), *of_arm, conditions, known.kind)
     else:
-        found = _predicted(*to_model_and_session(model, session), conditions, accept)
+        found = _predicted(*to_model_and_session(model, session), conditions)
         if out is not None:
             found.save(out)
+    of_all = *findings_of("acceptance", acceptance_remarks(accept)), *found.findings
+    found = replace(found, sums=replace(found.sums, findings=of_all))
     if not isinstance(model, str | Path):
         return found
     name = f"{Path(model).name} ({found.model_name})"
     return replace(found, model_name=name, model_sha256=model_file_fingerprint(model))
 
 
-@accepts
 def _predict_part(
     model: Compensator, readings: Session, part: Part, *, conditions: Conditions, accept: str | None
 ) -> PredictionSums:
     """Columns of the table, and figures, of some readings of a part."""
-    one = _predicted(model, readings, conditions, accept)
+    with accepting(accept):
+        one = _predicted(model, readings, conditions)
     note_line = cast(IntArray, readings.numbers)
     table = {**one.columns(), "note_file": np.full(len(readings), part.file.name), "note_line": note_line}
-    u, u_outside = (QuantileSketch.of(of.ravel()) for of in (one.u_mm, one.u_mm[one.outside_training]))
-    return replace(one.sums, u=u, u_outside=u_outside, tables=(table,))
+    return replace(one.sums, tables=(table,))
 
 
-def _predicted(known: Compensator, readings: Session, conditions: Conditions, accept: str | None) -> Prediction:
+def _predicted(known: Compensator, readings: Session, conditions: Conditions) -> Prediction:
     model = known.under(conditions)
     found = _reading_findings(model, readings)
     at = model.at(readings)
@@ -167,7 +178,10 @@ def _predicted(known: Compensator, readings: Session, conditions: Conditions, ac
         outside_mm2=dict(_variances_outside(model, readings_at)),
         unstated_mm2={name: _total_mm2(part) for name, part in model.unstated_input_covariances(at).items()},
         n_in_unknown_session=_n_in_unknown_session(model, readings),
-        findings=(*findings_of("acceptance", acceptance_remarks(accept)), *found, *fit_findings(model)),
+        findings=(*found, *fit_findings(model)),
+        overridden=overridden(),
+        u=QuantileSketch.of(one.u_mm.ravel()),
+        u_outside=QuantileSketch.of(one.u_mm[one.outside_training].ravel()),
     )
     return replace(one, sums=sums)
 
@@ -234,8 +248,11 @@ class PredictionSums(Sums):
     outside_mm2, unstated_mm2 : dict of str to float
         Sums of the variances that inputs outside the range add, by input, and of those that are not stated [mm^2].
     findings : tuple of Finding
+        Of many parts the first six different ones of each thing, and the number of the others.
+    overridden : tuple of str
+        Contradictions that were accepted.
     u, u_outside : QuantileSketch
-        Of parts: standard uncertainties of the coordinates, and of those outside the trained range [mm].
+        Standard uncertainties of the coordinates, and of those outside the trained range [mm].
     tables : tuple of dict
         Of a part: what is to be written.
     """
@@ -246,7 +263,8 @@ class PredictionSums(Sums):
     outside_mm2: Mapping[str, float] = field(default_factory=dict)
     unstated_mm2: Mapping[str, float] = field(default_factory=dict)
     n_in_unknown_session: int = 0
-    findings: tuple[Finding, ...] = field(default=(), metadata=joined(first_different))
+    findings: tuple[Finding, ...] = field(default=(), metadata=joined(different))
+    overridden: tuple[str, ...] = field(default=(), metadata=joined(different))
     u: QuantileSketch = field(default_factory=QuantileSketch)
     u_outside: QuantileSketch = field(default_factory=QuantileSketch)
     tables: tuple[Columns, ...] = ()

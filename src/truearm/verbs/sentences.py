@@ -14,11 +14,15 @@ MAX_PRINTED = 6
 SAME_DAY = "on the day and in the set-up of the training"
 
 
-def listed(label: str, items: Sequence[object], what: str) -> list[str]:
-    """One sentence for each of the first `MAX_PRINTED` items, and one for the number of the others."""
+def listed(label: str, items: Sequence[object], what: str, n: int | None = None) -> list[str]:
+    """One sentence for each of the first `MAX_PRINTED` items, and one for the number of the others.
+
+    Of `n` in all the items may be the largest alone.
+    """
     lines = [f"{label}: {item}" for item in items[:MAX_PRINTED]]
     if more := len(items) - MAX_PRINTED if len(items) > MAX_PRINTED else 0:
-        lines.append(f"{label}: {more} more {what} (--json or to_dict() lists all)")
+        lists = "all" if n is None or n == len(items) else f"the {len(items)} largest of {n}"
+        lines.append(f"{label}: {more} more {what} (--json or to_dict() lists {lists})")
     return lines
 
 

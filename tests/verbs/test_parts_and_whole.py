@@ -1,0 +1,174 @@
+"""A folder and the file of the same readings: the same readings count, under the same conditions, in the same words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.errors import InputError
+from truearm.readings import large_sessions
+from truearm.readings.large_sessions import joined_sessions
+from truearm.solve.executors import Processes
+
+WHY = "the limits of the drawing are older"
+
+
+@pytest.fixture(scope="module")
+def session():
+    return ta.simulate("ur10", poses=240, seed=1).session
+
+
+@pytest.fixture(scope="module")
+def model(session):
+    return ta.fit("ur10", session.rows(np.arange(120)), model="kinematic").model
+
+
+def saved(path, *files):
+    """A folder of these sessions, in their order."""
+    path.mkdir()
+    for number, one in enumerate(files):
+        one.save(path / f"{number:02}.csv")
+    return path
+
+
+def test_readings_of_the_training_are_skipped_over_all_files(session, model, tmp_path):
+    trained, others = session.rows(np.arange(120)), session.rows(np.arange(120, 200))
+    mixed = joined_sessions([session.rows(np.arange(60, 120)), others])
+    for number, files in enumerate([(trained, others), (others, trained), (mixed, trained), (trained,)]):
+        folder, whole = saved(tmp_path / str(number), *files), joined_sessions(files)
+        (tmp_path / f"{number}.csv").unlink(missing_ok=True)
+        parts, one = ta.evaluate(model, folder), ta.evaluate(model, whole)
+        assert parts.errors["model"]["n"] == one.errors["model"]["n"] == (80 if number < 3 else 120)
+        assert parts.n_training == one.n_training
+        # The sums are added in another order.
+        assert parts.errors["model"]["mean_mm"] == pytest.approx(one.errors["model"]["mean_mm"], rel=1e-9)
+        assert (parts.coverage, parts.coverage_99) == (one.coverage, one.coverage_99)
+        words = "training readings of the model"
+        assert [one for one in parts.remarks if words in one] == [one for one in one.remarks if words in one]
+        assert "have no reference point" not in str(parts)
+
+
+def beyond(session, n):
+    """The readings, the first `n` of them beyond the limit of a joint."""
+    angles = session.angles.copy()
+    angles[:n, 0] = 7.0
+    return replace(session, angles=angles)
+
+
+@pytest.mark.parametrize("executor", [None, Processes(2)])
+def test_what_was_accepted_in_a_file_is_kept(session, model, tmp_path, executor):
+    files = [beyond(session.rows(np.arange(10 * i, 10 * i + 10)), n) for i, n in enumerate((0, 8, 9, 8))]
+    folder, out = saved(tmp_path / "set", *files), tmp_path / "z.csv"
+    with pytest.raises(InputError, match="--accept"):
+        ta.predict(model, folder, out)
+    found = ta.predict(model, folder, out, accept=WHY, executor=executor)
+    said = {one for file in folder.iterdir() if file.stem != "00" for one in overridden_in(model, file)}
+    assert [one.reason for one in found.accepted] == [WHY]
+    assert len(found.accepted[0].contradictions) == len(said)
+    assert set(found.accepted[0].contradictions) == said
+    assert [one for one in found.remarks if WHY in one] == [str(found.accepted[0])]
+    assert not any("Nothing had to be accepted" in one for one in found.remarks)
+    evaluation = ta.evaluate(model, folder, accept=WHY, executor=executor)
+    assert len([one for one in evaluation.remarks if "ccepted" in one]) == 1
+    honest = ta.predict(model, folder / "00.csv", accept=WHY)
+    assert honest.accepted == ()
+    assert "Nothing had to be accepted." in honest.remarks
+
+
+def overridden_in(model, file):
+    return [text for one in ta.predict(model, file, accept=WHY).accepted for text in one.contradictions]
+
+
+def test_remarks_of_later_files_are_counted(session, model, tmp_path):
+    files = [beyond(session.rows(np.arange(120 + 12 * i, 132 + 12 * i)), i + 1) for i in range(5)]
+    few = ta.evaluate(model, saved(tmp_path / "few", *files)).remarks
+    assert len([one for one in few if "beyond a joint limit" in one]) == 5
+    assert not any("other remarks" in one for one in few)
+    files = [beyond(session.rows(np.arange(120 + 10 * i, 130 + 10 * i)), i % 5 + 1) for i in range(10)]
+    files[5:] = [joined_sessions([one, session.rows(np.arange(200, 203))]) for one in files[5:]]
+    many = ta.evaluate(model, saved(tmp_path / "many", *files)).remarks
+    assert len([one for one in many if "beyond a joint limit" in one]) == 6
+    assert "And 4 other remarks on joint limits in other parts of the session." in many
+    predicted = ta.predict(model, tmp_path / "many", tmp_path / "z.csv").remarks
+    assert any("other remarks" in one for one in predicted)
+
+
+NAMES = {
+    "same day": (("monday", "monday"), "repeatability"),
+    "another day": (("tuesday", "tuesday"), "reproducibility"),
+    "both": (("monday", "tuesday"), "reproducibility"),
+    "half of them named": (("monday", ""), None),
+    "unnamed": (("", ""), None),
+}
+
+
+@pytest.mark.parametrize(("names", "conditions"), NAMES.values(), ids=NAMES)
+def test_conditions_and_coverage_are_those_of_one_file(session, tmp_path, names, conditions):
+    trained = replace(session.rows(np.arange(120)), session=np.full(120, "monday"))
+    model = ta.fit("ur10", trained, model="physical").model
+    files = [
+        replace(session.rows(np.arange(a, a + 50)), session=np.full(50, name))
+        for a, name in zip((120, 170), names, strict=True)
+    ]
+    parts, one = ta.evaluate(model, saved(tmp_path / "set", *files)), ta.evaluate(model, joined_sessions(files))
+    assert parts.conditions == one.conditions == conditions
+    same = ("coverage", "coverage_99", "repeatability_coverage", "conditions")
+    assert {name: parts.to_dict()[name] for name in same} == {name: one.to_dict()[name] for name in same}
+    assert one.repeatability_coverage is not None
+    said = "ellipsoid of repeatability conditions"
+    assert [line for line in str(parts).splitlines() if said in line] == [
+        line for line in str(one).splitlines() if said in line
+    ]
+    assert ta.evaluate(model, tmp_path / "set", conditions="repeatability").conditions == "repeatability"
+
+
+@pytest.mark.parametrize("n", [2, 4, 100])
+def test_the_median_uncertainty_is_that_of_one_file(session, model, tmp_path, n):
+    some = session.rows(np.arange(120, 120 + n))
+    folder = saved(tmp_path / "set", some.rows(np.arange(n // 2)), some.rows(np.arange(n // 2, n)))
+    parts, one = ta.predict(model, folder, tmp_path / "z.csv"), ta.predict(model, some)
+    assert parts.median_u_mm == pytest.approx(one.median_u_mm, rel=1.01e-3)  # the table is wide by 0.1 %
+    assert np.array_equal(parts.sums.u.counts, one.sums.u.counts)
+    assert np.array_equal(parts.sums.u_outside.counts, one.sums.u_outside.counts)
+    assert one.sums.u.counts.sum() == 3 * n
+
+
+def test_zeros_say_from_how_many_readings_they_are(session, tmp_path, monkeypatch):
+    monkeypatch.setattr(large_sessions, "SAMPLE", 100)
+    found = ta.fit("ur10", saved(tmp_path / "set", session), model="kinematic")
+    assert found.arm_with_zeros().source.endswith("joint zeros identified from 240 readings")
+    assert found.of_sample.arm_with_zeros().source.endswith("joint zeros identified from 100 readings")
+
+
+def test_of_many_outliers_the_largest_are_kept_and_it_says_so(session, model, tmp_path):
+    points = session.points.copy()
+    points[150:200] += 5.0
+    wrong = replace(session, points=points)
+    few, many = (saved(tmp_path / name, wrong.rows(np.arange(120, n))) for name, n in (("few", 160), ("many", 200)))
+    said = str(ta.evaluate(model, many))
+    assert "outlier: 14 more readings (--json or to_dict() lists the 20 largest of 50)" in said
+    assert len(ta.evaluate(model, many).to_dict()["outliers"]) == 20
+    assert "outlier: 4 more readings (--json or to_dict() lists all)" in str(ta.evaluate(model, few))
+
+
+def test_lengths_without_their_seats_in_the_sample_are_refused(session, tmp_path, monkeypatch):
+    seats = np.full(240, "")
+    seats[::6], seats[3::6], seats[[100, 200]] = "A", "B", "C"
+    folder = saved(tmp_path / "set", replace(session, seat=seats))
+    lengths = ta.Lengths(np.array(["A", "A"]), np.array(["B", "C"]), np.array([500.0, 700.0]), np.array([0.5, 0.5]))
+    monkeypatch.setattr(large_sessions, "SAMPLE", 80)
+    said = "1 of 2 lengths are between seats that are not in the sample of 80 of 240 readings"
+    with pytest.raises(InputError, match=said):
+        ta.fit("ur10", folder, model="nominal", lengths=lengths, accept=WHY)
+
+
+def test_a_regressor_is_told_that_it_is_evaluated_on_one_file(session, tmp_path):
+    class Constant:
+        def predict(self, angles):
+            return np.zeros((len(angles), 3))
+
+    with pytest.raises(InputError, match="a regressor is evaluated on one file, got a folder"):
+        ta.evaluate(Constant(), saved(tmp_path / "set", session))
