@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 import shlex
-import sys
 import zipfile
 from pathlib import Path
 
@@ -37,8 +35,7 @@ def laboratory(truearm, tmp_path_factory):
     """Folder where every command of the page was run and printed what the page shows."""
     pytest.importorskip("typst", reason="the PDF of a certificate needs the extra pdf")
     folder = tmp_path_factory.mktemp("laboratory")
-    with contextlib.chdir(folder), Path(os.devnull).open() as nobody, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "stdin", nobody)  # `record` reads commands there
+    with contextlib.chdir(folder):
         for kind, name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
             if kind == "toml":
                 Path(name).write_text(text, encoding="utf-8")
