@@ -83,6 +83,10 @@ def test_a_file_in_other_units_is_named(folder_with_radians, tmp_path):
     )
     with pytest.raises(Contradiction, match=said):
         ta.fit("ur10", folder_with_radians, model="nominal")
+    if n == 8:
+        accepted = ta.fit("ur10", folder_with_radians, model="nominal", accept="a try")
+        assert [said.removeprefix("0.csv: ") in str(one) for one in accepted.model.accepted_] == [True]
+        assert str(accepted.model.accepted_[0]) in accepted.remarks
     model = ta.fit("ur10", folder_with_radians / "1.csv", model="nominal").model
     evaluation = ta.evaluate(model, folder_with_radians)
     assert "40 of them are in 0.csv: it may be in other units" in str(evaluation)

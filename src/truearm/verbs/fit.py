@@ -151,7 +151,9 @@ def fit(
         hint = "fit each file alone: one of them may differ from the others, in its units or its arm"
         raise error.with_hint(f"{error.hint}; or {hint}" if error.hint else hint) from None
     new, every = fit_all(found.model, found.session, found.n_readings, large, limits, accept)
-    return replace(found, model=new, n_readings=len(large), all_readings=every)
+    others = (one for one in found.findings if one.what != "acceptance")
+    findings = in_order((*findings_of("acceptance", acceptance_remarks(accept)), *others))
+    return replace(found, model=new, n_readings=len(large), all_readings=every, findings=findings)
 
 
 def _fit(

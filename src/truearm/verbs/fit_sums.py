@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from truearm.acceptance import accepting
-from truearm.errors import Contradiction, InputError
+from truearm.acceptance import accept_also, accepted, accepting, contradict, overridden
+from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.from_sums import Iterate, identified, improved, of_the_model_itself, without_part
@@ -30,7 +30,7 @@ from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.solve.effective_number import DesignEffect
-from truearm.solve.sums import MAX_KEPT, Sums, first_different, joined
+from truearm.solve.sums import MAX_KEPT, Sums, different, first_different, joined
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import LengthsLike, Limits, allowed_in_part, check_has_reference
 from truearm.verbs.sentences import describe_effective_number, number_of
@@ -85,6 +85,8 @@ class FitSums(Sums):
         Names of the first gross errors.
     of_file, gross_of_file : dict of Path to int
         Readings with a point, and gross errors among them, by their file.
+    overridden : tuple of str
+        Contradictions that were accepted.
     """
 
     n_read: int
@@ -95,6 +97,7 @@ class FitSums(Sums):
     gross: tuple[str, ...] = field(default=(), metadata=joined(first_different))
     of_file: Mapping[Path, int] = field(default_factory=dict)
     gross_of_file: Mapping[Path, int] = field(default_factory=dict)
+    overridden: tuple[str, ...] = field(default=(), metadata=joined(different))
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,9 +216,9 @@ def sums_of_readings(
         used = allowed_in_part(given, model.arm, limits, accept).session
         used = used.rows(used.has_point)
         if not len(used):
-            return FitSums(len(given), ReadingSums.zero(chain.n_coefficients))
+            return FitSums(len(given), ReadingSums.zero(chain.n_coefficients), overridden=overridden())
         check_has_reference(used, model.arm, purpose="fit to")
-        state = model.at(used).state
+        state, accepted_here = model.at(used).state, overridden()
 
     def complete(x: FloatArray) -> FloatArray:
         return np.pad(x, (0, chain.n_coefficients - len(x)))  # those of missing terms are zero
@@ -232,7 +235,7 @@ def sums_of_readings(
     of_file = {part.file: len(used)}, {part.file: len(gross)}
     inputs = {"angles": used.angles, "directions": used.directions, "temperature": used.temperature_degC}
     spreads = {name: Spread.of(of) for name, of in (inputs | dict(used.columns)).items() if of is not None}
-    return FitSums(len(given), sums, spreads, held_out, nominal, names, *of_file)
+    return FitSums(len(given), sums, spreads, held_out, nominal, names, *of_file, accepted_here)
 
 
 def fit_all(
@@ -278,11 +281,15 @@ def fit_all(
         following = improved(arm, at, total.sums)
         if len(of_folds) > 1:
             by_fold = {fold: without_part(arm, at, total.sums, one.sums) for fold, one in of_folds.items()}
+    if accept is not None:
+        _check_files(total)
+    accept_also(total.overridden)
     errors = scale_errors(sample, is_frame_free="base" in of_sample.free_)
     is_nominal, state = of_sample.kind == "nominal", of_sample.at(sample).state
     whole, effect = identified(arm, at, total.sums, sample=state, scale_errors=errors, same_every_day=is_nominal)
     whole = replace(with_unshown_signs(whole, signs), converged=following.is_settled, rounds=n_pass)
     new = copy.copy(of_sample)
+    new.accepted_ = accepted(of_sample.accepted_)
     new.fit_, new.training_ = whole, conditions_of_all(total.inputs, of_sample.training_)
     if is_nominal:
         new.nominal_ = whole
@@ -326,13 +333,14 @@ def _check_files(total: FitSums) -> None:
     wrong = [file for file, n in total.of_file.items() if 2 * total.gross_of_file[file] > max(n, LEAST_READINGS)]
     if wrong and len(wrong) < len(total.of_file):
         file, others = wrong[0], len(wrong) - 1
-        raise Contradiction(
+        wrong_file = InputError(
             f"{total.gross_of_file[file]} of {total.of_file[file]} readings are gross errors, and those of "
             f"{number_of(len(total.of_file) - len(wrong), 'other file')} are not"
             f"{f'; so are those of {others} more' * (others > 0)}",
             file=file,
             hint=f"fit {file.name} alone: it says what differs, its units or its arm",
         )
+        contradict(wrong_file)
 
 
 def sent_model(model: IdentifiedModel, fit: IdentificationResult) -> IdentifiedModel:
