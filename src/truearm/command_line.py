@@ -44,7 +44,8 @@ def _commands() -> dict[str, str]:
 
 
 COMMANDS = _commands()
-# What other people call commands, and what earlier releases called options; of one command where others differ.
+# What other people call commands, and what earlier releases called options; of one command where others differ, and
+# with a sentence where its use differs. An entry of one command also answers that the option or its value is missing.
 OTHER_NAMES = {
     "calibrate": "fit",
     "identify": "fit",
@@ -72,10 +73,14 @@ OTHER_NAMES = {
     "--temperature": "--column temperature_degC=NAME",
     "--test": "--test-session",
     "--tip": "--column tip=NAME",
+    "arms --page": "--page expects the page to write. Try: truearm arms NAME --page arm.html",
     "import --points": "--point",
+    "simulate --reference": "a reference instrument measures unless --no-reference is given. Try: omit --reference",
+    "verify sheet --page": "--page is the page to write now, and --out the points to measure. "
+    "Try: truearm verify sheet PLAN --page sheet.html",
     "verify sheet --points": "--out",
     "certificate --template": "truearm verify template about",
-    "fetch --list": "truearm fetch",
+    "fetch --list": "without NAME the sets are listed. Try: omit --list",
     "predict --into": "truearm verify fill MODEL SESSION --into points.csv",
     "verify --artefacts-from": "truearm verify artefacts CERTIFICATE",
     "verify --print-plan": "truearm verify plan NAME",
@@ -184,7 +189,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except (TruearmError, _UsageError, OSError, MemoryError) as error:
-        _print_error(_message(error))
+        _print_error(_message(error, *arguments[:1]))
         code = 2
     except Exception as error:
         if (wing := _wing_taken_off(error)) is not None:
@@ -229,7 +234,7 @@ def _nearest_characters(error: UnicodeError) -> tuple[str, int]:
     return lacking.encode("ascii", "backslashreplace").decode(), error.end
 
 
-def _message(error: Exception) -> str:
+def _message(error: Exception, word: str = "") -> str:
     """One line: what happened, where, and what to do."""
     if isinstance(error, TruearmError):
         return str(error)
@@ -243,20 +248,23 @@ def _message(error: Exception) -> str:
     problem = problem.replace(NO_NUMBER, "expected a number with a decimal point, such as 0.2")
     if ". Try: " in problem:  # of the parser of an option
         return problem.partition("': ")[2]
-    context = getattr(error, "ctx", None)
-    if answer := _other_name(problem, context):
+    context = getattr(error, "ctx", None)  # none where the value of an option is missing
+    path = context.command_path if context else f"truearm {word}" if word in COMMANDS else "truearm"
+    if answer := _other_name(problem, path.partition(" ")[2], context):
         return answer
     stop = "" if problem.endswith("?") else "."
-    return f"{problem}{stop} Try: {context.command_path if context else 'truearm'} --help"
+    return f"{problem}{stop} Try: {path} --help"
 
 
-def _other_name(problem: str, context: Any) -> str | None:
-    """The answer to a word that has another name here: a command, or an option of a command."""
-    found = re.match(r"No such (?:command '|option: )([\w-]+)", problem)
+def _other_name(problem: str, command: str, context: Any) -> str | None:
+    """The answer to a command or option that has another name or another use here."""
+    found = re.match(r"(No such (?:command '|option: )|Missing option '|Option ')([\w-]+)", problem)
     if found is None:
         return None
-    word, command = found[1], context.command_path.partition(" ")[2] if context else ""
-    now = OTHER_NAMES.get(f"{command} {word}") or OTHER_NAMES.get(word, "")
+    word, is_unknown = found[2], found[1].startswith("No such")
+    now = OTHER_NAMES.get(f"{command} {word}") or (OTHER_NAMES.get(word, "") if is_unknown else "")
+    if ". Try: " in now:
+        return now
     if now.startswith("truearm "):
         return f"{word} is a command now. Try: {now}"
     name = now.partition(" ")[0]

@@ -12,10 +12,13 @@ from pathlib import Path
 from typing import Literal, get_args, get_origin
 
 import pytest
+import typer
 
-from command_line import called, declared
+from command_line import called, declared, functions
 from truearm.command_line import OTHER_NAMES
 from truearm.errors import InputError
+from truearm.models import HybridModel, NetworkModel
+from truearm.verbs.fit_command import MODELS_OF, PARAMETERS
 from truearm.verbs.signature import KINDS, Source, of_verb, parameters_described
 
 # What an option means where commands say it in their own words.
@@ -23,6 +26,7 @@ MEANINGS = {
     "--arms": "number of arms",
     "--bar": "length of a bar between its seats",
     "--by": "what belongs together",
+    "--conditions": "conditions of the uncertainty, of an evaluation those of its readings",
     "--epochs": "maximum epochs of a training",
     "--feature": "what is measured",
     "--goal": "error at which a training stops",
@@ -31,6 +35,7 @@ MEANINGS = {
     "--into": "points to measure that are filled in",
     "--out": "what the command writes",
     "--points": "number of points",
+    "--poses": "number of poses",
     "--repeatability": "standard deviation of a coordinate, measured again in the same pose",
     "--seats": "number of seats",
     "--session": "session file, of a fleet also a URL",
@@ -73,6 +78,8 @@ def test_what_an_option_was_called_is_answered_with_what_it_is_called(truearm):
     for before, now in OTHER_NAMES.items():
         command, _, option = before.rpartition(" ")
         name = now.partition(" ")[0]
+        if ". Try: " in now:
+            continue  # a sentence, see below
         if not option.startswith("--"):
             assert now in known
         elif name == "truearm":
@@ -91,6 +98,101 @@ def test_what_an_option_was_called_is_answered_with_what_it_is_called(truearm):
                 if not special.startswith("truearm "):
                     said = f"{option} is called {special.partition(' ')[0]} here. Try: truearm {one} {special}"
                     assert ran.err == f"truearm: {said}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "answer"),
+    [
+        (["arms", "ur10", "--page"], "arms --page"),
+        (["fetch", "--list"], "fetch --list"),
+        (["simulate", "ur10", "--out", "x.csv", "--reference"], "simulate --reference"),
+        (["verify", "sheet", "iso10360-12", "--out", "x.html"], "verify sheet --page"),
+    ],
+)
+def test_what_an_earlier_use_of_an_option_is_answered(truearm, arguments, answer):
+    ran = truearm(*arguments)
+    assert (ran.code, ran.err) == (2, f"truearm: {OTHER_NAMES[answer]}\n")
+
+
+def test_every_sentence_about_an_earlier_use_is_tested():
+    (mark,) = test_what_an_earlier_use_of_an_option_is_answered.pytestmark
+    assert {answer for _, answer in mark.args[1]} == {name for name, now in OTHER_NAMES.items() if ". Try: " in now}
+
+
+def test_an_option_that_is_missing_is_not_taken_for_one_of_another_name(truearm):
+    """--out was the page of some commands."""
+    assert truearm("plan", "ur10", "--artefact", "seat").err == (
+        "truearm: Missing option '--out'. Try: truearm plan --help\n"
+    )
+    assert "Option '--out' requires an argument. Try: truearm fit --help" in truearm("fit", "s.csv", "--out").err
+
+
+def test_numbers_beyond_what_ends_in_time_are_refused_at_once(truearm):
+    for option, number in (("--seats", 0), ("--seats", 201), ("--poses", 0), ("--poses", 501)):
+        ran = truearm("plan", "ur10", "--artefact", "seat", "--out", "x.csv", option, number)
+        assert ran.code == 2
+        assert f"Invalid value for '{option}': Input should be" in ran.err
+    ran = truearm("import", "x.csv", "--preview", "--skip-lines", -1)
+    assert "Invalid value for '--skip-lines': Input should be greater than or equal to 0" in ran.err
+
+
+def test_a_default_is_in_the_help(truearm):
+    """Of every option that has one, unless its sentence says what goes without it."""
+    listed = defaultdict(list)
+    for command, function in functions():
+        for one in signature(function, eval_str=True).parameters.values():
+            default = one.default
+            has_none = default in ("", (), Parameter.empty) or default is None or default is False
+            if one.annotation is typer.Context or has_none:
+                continue
+            info = get_args(one.annotation)[1]
+            if info.show_default:
+                listed[command].append(str(default).replace("True", one.name.replace("_", "-")))
+            else:
+                assert default == Path(), one  # --out of truearm live, which --demo does not need
+    for command, defaults in listed.items():
+        shown = "".join(truearm(*command.split(), "--help").out.split())
+        for default in defaults:
+            assert f"[default:{default}" in shown, (command, default)
+
+
+def test_a_default_of_a_fit_is_that_of_its_model():
+    """Its option shows it where the models agree; its sentence says it where they do not."""
+    fit = signature(next(one for name, one in functions() if name == "fit"), eval_str=True).parameters
+    classes = {"network": NetworkModel, "hybrid": HybridModel}
+    for name in ("hidden", "trainer", "epochs", "goal", "validation", "restarts", "members", "seed", "arm_model"):
+        of_models = [
+            signature(classes[model]).parameters[PARAMETERS.get(name, name)].default for model in MODELS_OF[name]
+        ]
+        if fit[name].default is None:
+            words = " and ".join(",".join(map(str, one)) if isinstance(one, tuple) else str(one) for one in of_models)
+            assert f"default {words}." in get_args(fit[name].annotation)[1].help
+        else:
+            assert set(of_models) == {fit[name].default}
+
+
+SAFETY = "in which neither arm nor artefact is in any pose; between poses nothing is checked"
+
+
+@pytest.mark.parametrize(
+    ("command", "fact"),
+    [
+        ("plan", SAFETY),
+        ("evaluate", "By default what the column session says."),
+        ("fit", "--apply writes the nominal arm with the joint zeros that were found"),
+        ("fit", "--free none: points are in the arm's base frame and the tip is known."),
+        ("export", "by default in the convention with the nominal arm's numbers, and from the arm's own base."),
+        ("fleet add", "--model is by default auto, or as before."),
+        ("task", "Without --arm, a preset or a specification is of the arm measuring7."),
+        ("verify simulate", "without --arm a preset is of the arm measuring7."),
+    ],
+)
+def test_help_says_what_a_shared_sentence_leaves_open(truearm, command, fact):
+    assert fact in " ".join(truearm(*command.split(), "--help").out.split())
+
+
+def test_no_option_offers_what_its_command_refuses(truearm):
+    assert "none" not in next(one.help for one in declared() if (one.command, one.name) == ("refit", "--free"))
 
 
 def test_what_the_parser_of_an_option_refuses_is_said_once(truearm):

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer import Argument
+from typer import Argument, Option
 
+from truearm.choices import Conditions
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.signature import of_verb
@@ -25,6 +26,13 @@ def evaluate(
             help="Session file with reference points or seats, or folder of files; not the training session.",
         ),
     ],
+    conditions: Annotated[
+        Conditions | None,
+        Option(
+            help="Conditions of these readings: the day and set-up of the training (repeatability), or others "
+            "(reproducibility). By default what the column session says."
+        ),
+    ] = None,
     workers: options.WorkersOption = None,
     scheduler: options.SchedulerOption = None,
     as_json: options.Json = False,
@@ -43,5 +51,5 @@ def evaluate(
     """
     executor = options.executor_of(context, session, workers, scheduler)
     with progress(f"evaluating {session.name}") as update:
-        evaluation = verb(model, session, **given, executor=executor, progress=update)
+        evaluation = verb(model, session, conditions=conditions, **given, executor=executor, progress=update)
     print_record(evaluation, as_json=as_json)

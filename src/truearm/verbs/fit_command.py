@@ -36,6 +36,9 @@ MODELS_OF: dict[str, tuple[str, ...]] = {
     "apply": ("auto", "kinematic", "physical", "hybrid"),
 }
 
+# Parameters of a model whose name is not that of the option.
+PARAMETERS = {"restarts": "n_restarts", "members": "n_members", "no_residual_process": "residual"}
+
 
 @of_verb("truearm.verbs.fit:fit")
 def fit(
@@ -53,26 +56,25 @@ def fit(
     hidden: Annotated[
         str | None, Option(help="Network, hybrid: units of the hidden layers; default 30,30 and 15.")
     ] = None,
-    trainer: Annotated[Trainer | None, Option(help="Network: by default variable projection, varpro.")] = None,
+    trainer: Annotated[
+        Trainer,
+        Option(help="Network: variable projection, or as in MATLAB (trainbr: few readings, after Foresee and Hagan)."),
+    ] = "varpro",
     epochs: Annotated[
         int | None, Option(min=1, help="Network, hybrid: maximum epochs per training run; default 200 and 30.")
     ] = None,
-    goal: Annotated[
-        float | None, Option(min=0, help="Network: mean squared error of scaled outputs at which to stop; 0.")
-    ] = None,
+    goal: Annotated[float, Option(min=0, help="Network: mean squared error of scaled outputs at which to stop.")] = 0.0,
     validation: Annotated[
-        float | None, Option(min=0, max=1, help="Network: share of the readings held out to stop in time; 0.15.")
-    ] = None,
-    restarts: Annotated[
-        int | None, Option(min=1, help="Network: starts of each run, of which the best is kept.")
-    ] = None,
+        float, Option(min=0, max=1, help="Network: share of the readings held out to stop in time.")
+    ] = 0.15,
+    restarts: Annotated[int, Option(min=1, help="Network: starts of each run, of which the best is kept.")] = 1,
     members: Annotated[
         int | None, Option(min=1, help="Network, hybrid: networks, the mean of which predicts; default 1 and 5.")
     ] = None,
-    seed: Annotated[int | None, Option(min=0, help="Seed of all random numbers.")] = None,
+    seed: options.Seed = 0,
     arm_model: Annotated[
-        Literal["kinematic", "nominal"] | None, Option(help="Hybrid: the arm whose residuals the networks learn.")
-    ] = None,
+        Literal["kinematic", "nominal"], Option(help="Hybrid: the arm whose residuals the networks learn.")
+    ] = "kinematic",
     apply: options.ArmOut = None,
     force: options.Force = False,
     workers: options.WorkersOption = None,
@@ -89,14 +91,16 @@ def fit(
     joint, base and tip as well. physical: also what angles, weight and temperature do to the arm, as far as the
     readings show it. hybrid: the kinematic arm, and small networks on its residuals. auto (the default) fits the first
     three, and the hybrid where it may win, and selects the simplest that predicts held-out readings as well as the
-    best. network: the founding paper's, straight from angles to coordinates; it needs thousands of readings
-    with points and is valid only in the range it was trained on.
+    best. network: the founding paper's, straight from angles to coordinates; it needs no arm, but
+    thousands of readings with points, and is valid only in the range it was trained on. --seed is of the starts of
+    networks and of the splits of their readings.
 
     Without an instrument: name the seat of every reading in a column seat, and give the lengths between seats by
     --lengths (columns seat_a, seat_b, length_mm, u_mm). Without one length at least, the arm keeps its nominal size.
 
     --free base,tip: the reference has a frame of its own, and the position of the tip on the flange is not known (a
-    laser tracker). --free none: points are in the arm's base frame and the tip is known.
+    laser tracker). --free none: points are in the arm's base frame and the tip is known. --apply writes
+    the nominal arm with the joint zeros that were found to a new arm file.
 
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
     parts out: nominal and kinematic models use all readings, others 20000 of them (docs/large-sessions.md).
@@ -113,16 +117,21 @@ def fit(
         _check_table(arm, apply)
     total = 4 if model == "auto" else None
     if model == "network":
-        total = (epochs or 200) * (restarts or 1) * (members or 1)
+        total = (epochs or 200) * restarts * (members or 1)
     elif model == "hybrid":
         total = 5 if members is None else members
         if total < 2:
             raise InputError(f"expected --members of 2 or more for a hybrid model, got {total}", hint="--members 5")
-    stated: dict[str, Any] = {"model": model, "hidden": hidden and layer_sizes(hidden), "trainer": trainer}
-    stated |= {"epochs": epochs, "goal": goal, "validation": validation, "n_restarts": restarts}
-    stated |= {"n_members": members, "seed": seed, "arm_model": arm_model}
-    stated |= {"residual": False if no_residual_process else None}
-    given |= {name: value for name, value in stated.items() if value is not None}
+    stated: dict[str, Any] = {
+        "hidden": hidden and layer_sizes(hidden),
+        "trainer": trainer,
+        "epochs": epochs,
+        "goal": goal,
+    }
+    stated |= {"validation": validation, "restarts": restarts, "members": members, "seed": seed, "arm_model": arm_model}
+    stated |= {"no_residual_process": False if no_residual_process else None}
+    of_model = {name: value for name, value in stated.items() if value is not None and model in MODELS_OF[name]}
+    given |= {"model": model} | {PARAMETERS.get(name, name): value for name, value in of_model.items()}
     executor = options.executor_of(context, session, workers, scheduler)
     with progress(f"fitting {model}", total=None if is_large(session) else total) as report:
         result = verb(arm, session, **given, executor=executor, progress=report)

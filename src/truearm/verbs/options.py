@@ -84,7 +84,12 @@ ConventionOption = Annotated[Convention, Option(help="Table of constants: Denavi
 Date = Annotated[str | None, Option(help="Day, 2026-11-03; also with the time, 2026-11-03T08:30; now by default.")]
 FreeOption = Annotated[
     str,  # of which the parser makes the parts
-    Option("--free", parser=free_parts, metavar="PARTS", help="What is unknown of the placement: base,tip or none."),
+    Option(
+        "--free",
+        parser=free_parts,
+        metavar="PARTS",
+        help="What is unknown of the placement: base,tip, or base or tip alone.",
+    ),
 ]
 LimitsOption = Annotated[Limits, Option(help="Readings beyond a joint limit: skip them, or use them.")]
 ModelOption = Annotated[ModelName | None, Option("--model", help="Kind of model.")]

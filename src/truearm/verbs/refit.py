@@ -92,7 +92,7 @@ def refit(
     """
     parts = to_free_parts(free)
     if not parts:
-        raise InputError("expected base or tip to be free: else nothing is new", hint="free base,tip")
+        raise InputError("expected base or tip to be free: else nothing is new", hint="--free base,tip")
     known, given = to_model_and_session(model, session)
     allowed = within_limits(given, known.arm, limits)
     check_has_reference(allowed.session, known.arm, purpose="refit to")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Option
+from typer import Argument, Option
 
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
@@ -16,9 +17,13 @@ from truearm.verbs.signature import of_verb
 def refit(
     verb: Any,
     model: options.ModelFile,
-    session: options.SessionFile,
+    session: Annotated[
+        Path, Argument(metavar="SESSION", help="Session file of the new set-up, with reference points or seats.")
+    ],
     out: options.ModelOut,
-    n_readings: Annotated[int | None, Option("--rows", min=1, help="Number of readings to use; all.")] = None,
+    n_readings: Annotated[
+        int | None, Option("--rows", min=1, help="Number of readings to use; all by default.")
+    ] = None,
     force: options.Force = False,
     as_json: options.Json = False,
     **given: Any,

@@ -42,14 +42,14 @@ class of_verb:
         Parameters of the verb that are no options.
     called : mapping of str to str
         Options whose name is not that of the parameter without ``n_`` and ``_mm``.
-    within : mapping of str to (int, int)
+    within : mapping of str to (int, int or None)
         The least and the greatest number of a parameter, where more would take hours or all memory.
     """
 
     place: str
     omit: tuple[str, ...] = ()
     called: Mapping[str, str] = field(default_factory=dict)
-    within: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    within: Mapping[str, tuple[int, int | None]] = field(default_factory=dict)
 
     def __call__(self, command: Callable[..., None]) -> Callable[[], None]:
         """Return what stands for the command in lists, which name it only; `Group` completes it."""

@@ -39,7 +39,8 @@ def export(
     .c, .mjs, .onnx and .json hold the whole model. A URDF and tables of constants hold the rigid arm that is nearest to
     it over a region; what is lost is printed and stands in the file. Each file states its origin and has five check
     poses; --check FILE runs them (exit code 1: the file does not agree with the model; 3: nothing differs, but its
-    content was not run).
+    content was not run). Constants are by default in the convention with the nominal arm's numbers, and from the
+    arm's own base. --as states the format where the ending leaves it open.
     """
     from truearm.wings.exports.export import check_export
 

@@ -72,8 +72,8 @@ def add(
 ) -> None:
     """Add an arm, or new readings, site or model of one.
 
-    With --list all arms of a table, or none of them. ARM is needed of a new one. Files stay where they are. In a list
-    their names are relative to its folder.
+    With --list all arms of a table, or none of them. ARM is needed of a new one. --model is by default
+    auto, or as before. Files stay where they are. In a list their names are relative to its folder.
     """
     from truearm.errors import InputError
     from truearm.wings.fleet.arm_list import read_arm_list

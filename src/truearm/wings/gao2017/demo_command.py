@@ -23,6 +23,8 @@ def demo(
     Repeats the founding paper's experiment on a virtual measuring arm: 3000 poses in a box of joint angles train a
     network (the paper's 30-30, by another trainer than the paper's) and identify models of the arm; all are tested on
     200 further poses of the box, and on 200 poses of everyday measuring, far outside it.
+
+    Another --seed is another arm, with other poses and other noise. --quick: half of the poses and a smaller network.
     """
     from truearm.wings.gao2017.demo import FILES, demo_epochs
     from truearm.wings.gao2017.demo import demo as run_demo

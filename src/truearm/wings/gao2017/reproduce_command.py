@@ -61,7 +61,9 @@ def reproduce(
 
     --session FILE: the paper's procedure on your arm. Networks of several structures and settings are tried by
     cross-validation; the one with the smallest error is trained on all readings, written as network.truearm and
-    tested on fresh readings (--test-session), beside models of the arm (--arm).
+    tested on fresh readings (--test-session), beside models of the arm (--arm, with --free as in truearm fit).
+
+    --quick: one start a row, and long trainings are skipped; with --session three small networks.
     """
     if readings is not None:
         options.refuse_typed(context, OF_PAPER, "does not go with --session: it is of the paper's own arm")

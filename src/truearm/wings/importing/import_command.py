@@ -36,6 +36,7 @@ MOST_IN_A_RANGE = 100  # columns of 1-6
     "truearm.wings.importing.foreign.tables:import_table",
     omit=("columns", "scale", "points_from", "part"),
     called=NAMES,
+    within={"skip_lines": (0, None)},
 )
 def import_table(
     verb: Any,  # noqa: ARG001 - a session alone: what was assumed is printed too
@@ -72,7 +73,11 @@ def import_table(
     ] = "",
     column: Annotated[
         list[str] | None,
-        Option(metavar="NAME=COLUMN", help="What else: seat=Nest, temperature_degC=T, position=GX,GY,GZ, .. (repeat)."),
+        Option(
+            metavar="NAME=COLUMN",
+            help="What else a session file holds: seat, session, position, tip, temperature_degC, anchor, distance_mm, "
+            "payload_kg, load_1_Nm, ..; as seat=Nest, position=GX,GY,GZ (repeat).",
+        ),
     ] = None,
     part: Annotated[
         list[str] | None,

@@ -19,7 +19,9 @@ from truearm.wings.planning.designs import ArtefactKind, Strategy
 NOT_FOR_CHECKS = ("poses", "page", "seats", "noise_mm", "strategy", "terms", "session", "volume", "accept")
 
 
-@of_verb("truearm.wings.planning.plan:plan", called={"length_mm": "--bar"}, within={"poses": (1, 500)})
+@of_verb(
+    "truearm.wings.planning.plan:plan", called={"length_mm": "--bar"}, within={"poses": (1, 500), "seats": (1, 200)}
+)
 def plan(
     verb: Any,
     context: typer.Context,
@@ -37,11 +39,16 @@ def plan(
     ] = None,
     table: Annotated[
         str | None,
-        Option("--table-top", help="Where seats and bars can stand: height Z above the base, or Z,X0,X1,Y0,Y1 [mm]."),
+        Option(
+            "--table-top", help="Where seats and bars can stand: height Z above the base (0), or Z,X0,X1,Y0,Y1 [mm]."
+        ),
     ] = None,
     avoid: Annotated[
         list[str] | None,
-        Option(help="Box X0,X1,Y0,Y1,Z0,Z1 [mm] in which neither arm nor artefact is in any pose; repeatable."),
+        Option(
+            help="Box X0,X1,Y0,Y1,Z0,Z1 [mm] in which neither arm nor artefact is in any pose; between poses nothing "
+            "is checked; repeatable."
+        ),
     ] = None,
     force: options.Force = False,
     as_json: options.Json = False,
@@ -56,7 +63,8 @@ def plan(
     i-optimal: smallest uncertainty of a point in the volume. d-optimal: smallest overall uncertainty of the parameters.
     technician: poses as a person chooses them who measures parts. random: random poses. All four are compared.
 
-    With a model instead of an arm: the poses that come next.
+    With a model instead of an arm: the poses that come next; --session: what was measured already and is not the
+    training session of the model.
 
     --artefact check: the routine of an interim check (truearm check), ten readings in a cone, with --bar four in
     each seat of a bar, with --sphere nine on a sphere.

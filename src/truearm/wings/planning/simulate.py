@@ -135,16 +135,16 @@ def simulate(
     arm : Arm, str or Path
         The nominal arm: an `Arm`, a name of `list_arms`, or an arm file or URDF.
     poses : int
-        Number of readings.
+        Number of poses; a reading each, with anchors one for each anchor.
     strategy : str
         Where the joints are: ``"box"`` (about the working pose), ``"sobol-box"``, ``"uniform"``, ``"sobol"``,
         ``"measuring"`` (everyday work) or ``"seat"`` (the tip in seats).
     preset : {"research", "shop", "worn", "printed", "perfect"}
-        How large the errors of the arm are.
+        How large the errors of the arm are: research, shop, worn, printed or perfect.
     seed : int
         Of the poses and the noise.
     arm_seed : int
-        Of the arm's errors.
+        Seed of the arm's errors: same seed, same arm.
     reference : bool
         Whether a reference instrument measures the tip.
     half_width_deg : float, optional

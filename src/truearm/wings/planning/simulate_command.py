@@ -31,9 +31,11 @@ def simulate(
     plan: options.PlanFile = None,
     out_lengths: Annotated[Path | None, Option(help="File of the bar's length to write, .csv.")] = None,
     artefacts: options.ArtefactsFile = None,
-    moved: Annotated[bool, Option("--moved", help="With --plan: the instrument stands elsewhere.")] = False,
+    moved: Annotated[
+        bool, Option("--moved", help="With --plan: the instrument stands elsewhere, to rehearse a refit.")
+    ] = False,
     no_reference: Annotated[
-        bool, Option("--no-reference", help="Without an instrument that measures the tip.")
+        bool, Option("--no-reference", help="Without an instrument that measures the tip (x, y, z).")
     ] = False,
     force: options.Force = False,
     as_json: options.Json = False,

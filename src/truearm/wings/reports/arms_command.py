@@ -50,8 +50,8 @@ def arms(
     constants of the nominal arm. With a model file: the identified arm, with base and tip in the frame of the
     reference. With a name and --out: an arm file, to edit into your own arm's, or to use elsewhere. With --page: a page
     on which the arm is turned with the mouse and its joints are moved, to see whether a file describes an arm.
-    With --session: what is wrong where arm and readings contradict each other. Nothing is changed; --apply writes the
-    arm without the mistake to a new file.
+    With --session: what is wrong where arm and readings contradict each other, with --free as in truearm fit. Nothing
+    is changed; --apply writes the arm without the mistake to a new file.
     With --from-circles: an arm without a drawing, measured by the circles that its joints describe one by one.
     Exit code 1: a joint is not measured, and the arm file marks it.
     """

@@ -133,8 +133,8 @@ def import_table(
     orientation_unit : {"deg", "rad"}, optional
         Unit of a rotation vector or of Euler angles.
     orientation_order : str, optional
-        Of a quaternion, ``wxyz`` (the default) or ``xyzw``; of Euler angles, ``ZYX`` about the axes as turned before,
-        ``xyz`` about fixed ones, and so on. Three columns without an order are a rotation vector.
+        Of a quaternion, ``wxyz`` (the default) or ``xyzw``; of Euler angles, ``ZYX`` about the axes as turned before
+        (KUKA), ``xyz`` about fixed ones (Fanuc), and so on. Three columns without an order are a rotation vector.
     separator, decimal, thousands : str, optional
         One character; as separator also TAB, and a blank or SPACE for one or more; '' for no thousands; recognised.
     header : bool, optional

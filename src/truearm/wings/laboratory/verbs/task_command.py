@@ -32,7 +32,10 @@ def task(
     angle: Annotated[float | None, Option(help="Angle of a cone or of two planes (90) [deg].")] = None,
     at: Annotated[
         list[str] | None,
-        Option(help="Middle of the feature X,Y,Z [mm] in the arm's base frame; given twice: both seats of a length."),
+        Option(
+            help="Middle of the feature X,Y,Z [mm] in the arm's base frame, by default of the working volume; given "
+            "twice: both seats of a length."
+        ),
     ] = None,
     along: Annotated[
         str | None,
@@ -48,7 +51,7 @@ def task(
     With --tolerance, also decide whether the arm is fit for it. truearm draws many arms that may be the one in
     question; each measures the feature, with systematic errors drawn once per arm and random errors drawn per point.
     With a model: arms from its posterior. With a preset: virtual arms. With --mpe, a specification: arms whose worst
-    test result is half to all of its limit.
+    test result is half to all of its limit. Without --arm, a preset or a specification is of the arm measuring7.
 
     Exit code with --tolerance, 0: fit; 1: not fit; 3: only with guard bands. Without, 0.
     """

@@ -29,7 +29,7 @@ Trusted = Annotated[
 ]
 PointsToFill = Annotated[Path, Option(help="Points to measure to fill in (truearm verify sheet), .csv.")]
 ArtefactTemperature = Annotated[float | None, Option(help="Temperature of the artefacts [degC].")]
-TipDiameter = Annotated[float | None, Option(min=0, help="Diameter of the stylus tip [mm].")]
+TipDiameter = Annotated[float | None, Option(min=0, help="With --out: diameter of the stylus tip [mm].")]
 
 verify = typer.Typer(cls=Group, rich_markup_mode=None, invoke_without_command=True)
 
@@ -51,7 +51,7 @@ def points_verified(
     --test-plan, --measured, --artefacts and --mpe verify measured points, which may come from any program. Each test
     value is printed with its expanded uncertainty U, its limit and the verdict by ISO 14253-1 (--rule). Exit code 0:
     conform; 1: not conform; 3: undecided, or not for conformity decisions, as nobody has confirmed the numbers of the
-    plan.
+    plan. --page writes values, budgets, artefacts and decision.
 
     The commands below come before: a simulation of the test, the sheet to measure by, and files to fill in.
     """
@@ -91,8 +91,8 @@ def simulate(
 ) -> None:
     """Simulate the test with virtual arms.
 
-    Before anything is measured. Artefacts and limits are examples where they are not given. Exit code 0, whatever the
-    arms obtain.
+    Before anything is measured. Artefacts and limits are examples where they are not given, and without
+    --arm a preset is of the arm measuring7. Exit code 0, whatever the arms obtain.
     """
     with progress(f"simulating the test with {given['n_arms']} virtual arms", given["n_arms"]) as tell:
         simulated = verb(model, plan=plan, rule=rule, **given, progress=tell)
