@@ -210,7 +210,13 @@ def test_a_seat_the_session_has_not_is_refused_with_the_one_that_was_meant(tmp_p
     error = refusal(tmp_path, ["cone A,cone B,1,1", "cone A,Cone C,1,1"], seats=["cone A", "cone B", "cone C", ""])
     assert (error.line, error.column) == (3, "seat_b")
     assert error.problem == "the session has no seat 'Cone C'"
-    assert error.hint == "cone C"
+    assert error.hint == "'cone C', the name in the session: the two differ in capitals or blanks only"
+    for meant, typed in (("Bar A", "bar A"), ("barA", "bar A"), ("bar A ", "bar A")):  # nearer than bar B
+        error = refusal(tmp_path, [f"{typed},bar B,1,1"], seats=[meant, "bar B"])
+        assert error.hint is not None
+        assert error.hint.startswith(repr(meant)), error.hint
+    error = refusal(tmp_path, ["cone A,cone B,1,1", "cone A,cone D2,1,1"], seats=["cone A", "cone B", "cone D"])
+    assert error.hint == "cone D"
     error = refusal(tmp_path, ["wall,cone A,1,1"], seats=["cone A", "cone B"])
     assert (error.line, error.column) == (2, "seat_a")
     assert "as in the session" in error.hint

@@ -14,7 +14,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import check_names, quoted_cell, read_columns, write_columns
 from truearm.files.spreadsheet_forms import read_form
-from truearm.readings.readings import LARGEST_MM, NamedRows
+from truearm.readings.readings import LARGEST_MM, NamedRows, folded_name
 from truearm.typing import FloatArray, IntArray, NameArray
 
 if TYPE_CHECKING:
@@ -243,10 +243,12 @@ class Lengths(NamedRows):
                 )
 
     def _unknown(self, name: str, row: int, column: str, known: list[str]) -> InputError:
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = close[0] if close else "use the names of seats as in the session"
-        if hint.strip() == name.strip():
-            hint = f"{quoted_cell(hint)}: one of the two has a blank before or behind it"
+        alike = next((one for one in known if folded_name(one) == folded_name(name)), None)
+        if alike is not None:
+            hint = f"{quoted_cell(alike)}, the name in the session: the two differ in capitals or blanks only"
+        else:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = close[0] if close else "use the names of seats as in the session"
         return self.error(f"the session has no seat {quoted_cell(name)}", row, column=column, hint=hint)
 
 

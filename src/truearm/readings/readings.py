@@ -20,6 +20,9 @@ from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 TOUCHED = ("seat", "sphere", "plane", "line", "anchor")
 NAMED = (*TOUCHED, "tip", "position", "session", "serial_number")
 
+# Blanks between two digits separate numbers: 1 1 is no 11.
+_BLANKS = re.compile(r"(?<!\d)[\s_]+|[\s_]+(?!\d)")
+
 # Mass that the flange carries [kg].
 PAYLOAD = "payload_kg"
 # No arm carries more [kg]; a mass in grams does exceed it.
@@ -49,6 +52,11 @@ _BESIDE_ANGLES = (
     *("points", "point_std", "temperature_degC", "quaternion", "sphere_distance", "directions"),
     *(*SHARED_UNCERTAINTIES, *ANCHOR_DISTANCE, *NAMED),
 )
+
+
+def folded_name(name: str) -> str:
+    """A name in lower case and without blanks: equal for names that differ in those only."""
+    return _BLANKS.sub("", name).casefold()
 
 
 class NamedRows:

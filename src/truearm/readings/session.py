@@ -5,7 +5,6 @@ One thing may not have two spellings in it.
 
 from __future__ import annotations
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,12 +17,10 @@ from truearm.findings import Finding
 from truearm.readings.columns import data_frame, fields_of_frame, session_columns
 from truearm.readings.files import read_fields, write_session
 from truearm.readings.lengths import Lengths
-from truearm.readings.readings import NAMED, Readings
+from truearm.readings.readings import NAMED, Readings, folded_name
 from truearm.readings.split import SplitBy
 from truearm.readings.split import hold_out as split
 
-# Blanks between two digits separate numbers: 1 1 is no 11.
-_BLANKS = re.compile(r"(?<!\d)[\s_]+|[\s_]+(?!\d)")
 _MOST = 5  # names in a sentence
 
 
@@ -40,7 +37,7 @@ def similar_names(session: Session) -> Iterator[Finding]:
             continue
         spelled = defaultdict(list)
         for name, n in Counter(names[names != ""].tolist()).most_common():
-            spelled[_BLANKS.sub("", name).casefold()].append(f"{name!r} ({n} reading{'s' * (n != 1)})")
+            spelled[folded_name(name)].append(f"{name!r} ({n} reading{'s' * (n != 1)})")
         for usual, *others in spelled.values():
             for other in others:
                 what = f"{kind.replace('_', ' ').capitalize()} {other} may be {usual}"
