@@ -51,6 +51,7 @@ def bench(files, tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
+CERTIFICATE = "certificate --test-plan iso10360-12 --measured p.csv --artefacts a.toml --mpe l.toml --about b.toml"
 # ARM and OUT stand for the file that the row is about.
 WRITES: dict[tuple[str, str], str] = {
     ("arms", "--out"): "arms gao2017 --out x.toml",
@@ -68,6 +69,9 @@ WRITES: dict[tuple[str, str], str] = {
     ("fit", "--apply"): "fit m.csv --arm ur10 --out y.truearm --apply x.toml",
     ("verify sheet", "--out"): "verify sheet iso10360-12 --page y.html --out x.csv",
     ("verify artefacts", "--out"): "verify artefacts c.xml --out x.toml",
+    ("certificate", "--out"): f"{CERTIFICATE} --out x.xml",
+    ("certificate", "--page"): f"{CERTIFICATE} --out y.xml --page x.html",
+    ("certificate", "--pdf"): f"{CERTIFICATE} --out y.xml --pdf x.pdf",
     ("fleet prior", "--out"): "fleet prior fleet --out x.toml",
     ("fit", "--out"): "fit m.csv --arm ur10 --model nominal --out x.truearm",
     ("refit", "--out"): "refit m.truearm m.csv --out x.truearm",

@@ -66,7 +66,7 @@ ModelOut = Annotated[Path, Option("--out", help="Model file to write; the usual 
 ArmOut = Annotated[Path | None, Option("--apply", help="Arm file to write with what was found, .toml or .urdf.")]
 Page = Annotated[Path | None, Option("--page", help="Page to write, .html.")]
 Force = Annotated[
-    bool, Option("--force", help="Replace what is kept otherwise: what people wrote or measured, another arm's model.")
+    bool, Option("--force", help="Replace what is kept: what people wrote, measured or issued, another arm's model.")
 ]
 # What is computed, and how.
 AcceptOption = Annotated[

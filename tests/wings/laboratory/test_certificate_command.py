@@ -69,8 +69,21 @@ def test_a_certificate_for_machines_and_for_people(truearm, bench):
     for result in made.results:
         assert f"{result.quantity.value:f}".replace("-", "\u2212").partition(".")[2] in html
     before = Path("certificate.xml").read_bytes()
-    assert truearm(*ALL).code == 0
+    assert truearm(*ALL, "--force").code == 0
     assert Path("certificate.xml").read_bytes() == before
+
+
+@pytest.mark.parametrize("there", ["certificate.xml", "certificate.html"])
+def test_an_issued_certificate_and_its_page_are_kept_without_force(truearm, bench, snapshot, there):
+    Path(there).write_text("issued")
+    before = snapshot(bench)
+    ran = truearm(*ALL)
+    assert (ran.code, ran.out) == (2, "")
+    assert f"{there}: the file exists already. Try: another name, or --force to replace it" in ran.err
+    assert snapshot(bench) == before
+    ran = truearm(*ALL, "--force")
+    assert (ran.code, ran.err) == (0, "")
+    assert "V-2026-042" in Path(there).read_text()
 
 
 def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
@@ -84,9 +97,9 @@ def test_also_what_does_not_conform_gets_its_certificate(truearm, bench):
         ),
     )
     assert read_dcc("certificate.xml").conformity == "fail"
-    assert "the decision rule 'simple' is not that of the test plan" in truearm(*ALL, "--rule", "simple").err
+    assert "the decision rule 'simple' is not that of the test plan" in truearm(*ALL, "--force", "--rule", "simple").err
     Path("my-plan.toml").write_text(confirm(plan_text("iso10360-12"), "simple"))
-    assert truearm(*ALL).code == 0
+    assert truearm(*ALL, "--force").code == 0
     assert "simple acceptance" in read_dcc("certificate.xml").texts("decision rule")[0]
 
 
@@ -182,7 +195,7 @@ def test_a_certificate_without_traceability_says_so_first(truearm, bench):
     assert said in ran.out.splitlines()
     assert said in Path("certificate.html").read_text()
     assert read_dcc("certificate.xml").texts("traceability") == (said,)
-    assert json.loads(truearm(*ALL, "--json").out)["traceable"] is False
+    assert json.loads(truearm(*ALL, "--force", "--json").out)["traceable"] is False
 
 
 def test_points_of_two_origins_are_refused_with_their_lines(truearm, bench, snapshot):
@@ -204,7 +217,7 @@ def test_points_without_a_serial_number_are_certified_and_that_is_said(truearm, 
         "The points do not state the serial number of the arm: truearm could not compare it with '10017'."
     )
     assert "not stated" in Path("certificate.html").read_text()
-    stated = json.loads(truearm(*ALL, "--json").out)
+    stated = json.loads(truearm(*ALL, "--force", "--json").out)
     assert (stated["serial_number"], stated["serial_number_in_points"]) == ("10017", None)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.errors import FaultCollector, InputError
-from truearm.files.atomic_write import atomic_file
+from truearm.files.atomic_write import atomic_file, check_new_file
 from truearm.number_format import capitalize
 from truearm.pages.drawings.page_record import PageRecord, check_page_path
 from truearm.solve.threads import one_blas_thread
@@ -82,6 +82,7 @@ class CertificateResult(PageRecord):
         pdf: str | Path | None = None,
         logo: str | Path | None = None,
         signer: Signer | None = None,
+        force: bool = False,
     ) -> None:
         """Write the digital calibration certificate (DCC, XML) and, if wanted, the same for people; all or nothing.
 
@@ -97,15 +98,18 @@ class CertificateResult(PageRecord):
             Logo of the laboratory for the PDF, ``.png`` or ``.svg``.
         signer : Signer, optional
             Key and certificate with which the XML file is signed, see `ta.read_signer`.
+        force : bool
+            Whether files that exist are replaced: without it an issued certificate stays as it is.
 
         Raises
         ------
         InputError
-            If a name has another ending, is that of an input file, or cannot be written; or the logo is none.
+            If a name has another ending, is that of an input file, or cannot be written; if a file exists already,
+            without `force`; or the logo is none.
         MissingTool
             If there is a `pdf` and typst is not installed.
         """
-        check_certificate_paths(path, page, pdf, *self.input_files, logo)
+        check_certificate_paths(path, page, pdf, *self.input_files, logo, force=force)
         xml = checked_dcc(self.certificate, signer)
         # All are complete before any takes its name, the certificate first: no page without its certificate.
         with ExitStack() as files:
@@ -288,24 +292,28 @@ def certificate(
 
 
 def check_certificate_paths(
-    path: str | Path, page: str | Path | None, pdf: str | Path | None, *inputs: str | Path | None
+    path: str | Path, page: str | Path | None, pdf: str | Path | None, *inputs: str | Path | None, force: bool
 ) -> None:
-    """Check, before long work, that a certificate, its page and its PDF can be written, over no input file.
+    """Check, before long work, that a certificate, its page and its PDF can be written, and replace no file.
 
     Raises
     ------
     InputError
         If a name has another ending than .xml, .html or .pdf, is one of `inputs` or of the certificate, or cannot be
-        written.
+        written; without `force` if one of the files exists.
     MissingTool
         If there is a `pdf` and typst is not installed.
     """
     check_output(path, *inputs, endings=(".xml",))
     check_page_path(page, *inputs, path)
     if pdf is not None:
+        check_output(pdf, *inputs, path, endings=(".pdf",))
+    for file in (path, page, pdf):
+        if file is not None:
+            check_new_file(file, force=force)
+    if pdf is not None:
         from truearm.pages.pdf import check_pdf_writer
 
-        check_output(pdf, *inputs, path, endings=(".pdf",))
         check_pdf_writer()
 
 

@@ -50,6 +50,7 @@ def certificate(
     accept: options.AcceptOption = None,
     read: Annotated[Path | None, Option(help="Read a certificate, .xml or .pdf, and verify its signature.")] = None,
     trusted: Trusted = None,
+    force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """State a verification as a calibration certificate.
@@ -80,7 +81,7 @@ def certificate(
 
     _, measured, of_artefacts, specification, administrative, file_out = (Path(one) for one in files if one is not None)
     inputs = (plan, measured, as_found, of_artefacts, specification, administrative, logo, key, signer)
-    check_certificate_paths(file_out, page, pdf, *inputs)
+    check_certificate_paths(file_out, page, pdf, *inputs, force=force)
     signing = None if key is None or signer is None else _signer(key, signer)
 
     def verified(measured: Path) -> VerificationResult:
@@ -89,7 +90,7 @@ def certificate(
 
     after, before = verified(measured), None if as_found is None else verified(as_found)
     result = stated(after, administrative, as_found=before, unconfirmed=unconfirmed, accept=accept)
-    result.save(file_out, page, pdf=pdf, logo=logo, signer=signing)
+    result.save(file_out, page, pdf=pdf, logo=logo, signer=signing, force=force)
     print_record(result, as_json=as_json, files={"certificate": out, "page": page, "PDF": pdf})
 
 
