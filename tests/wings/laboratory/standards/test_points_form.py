@@ -11,7 +11,7 @@ import pytest
 from truearm.errors import InputError
 from truearm.wings.laboratory.standards.artefacts import example_artefacts
 from truearm.wings.laboratory.standards.layout import lay_out_tests
-from truearm.wings.laboratory.standards.measured_points import read_points
+from truearm.wings.laboratory.standards.measured_points import SIZE_TESTS, read_points
 from truearm.wings.laboratory.standards.points_form import fill_points_form, read_planned_points, write_points_form
 from truearm.wings.laboratory.standards.verification_plan import load_verification_plan
 
@@ -115,7 +115,7 @@ def test_points_in_reverse_order_or_shifted_by_one_are_refused(form, planned):
 
 def test_points_taken_by_hand_in_another_frame_are_at_their_places(form, planned):
     by_hand = planned[:, [1, 2, 0]] + 500 + np.random.default_rng(0).normal(0, 2.0, planned.shape)
-    assert fill_points_form(form, by_hand, day=DAY) == len(planned)
+    assert fill_points_form(form, by_hand, day=DAY, artefact_degC=20.0) == len(planned)
 
 
 def test_artefacts_in_exchanged_places_are_told_by_the_positions_of_their_points(form, planned, layout):
@@ -134,7 +134,7 @@ def test_artefacts_in_exchanged_places_are_told_by_the_positions_of_their_points
             swapped[i], swapped[j] = each[j], each[i]
         with pytest.raises(InputError, match=r"and where the plan has .* exchanged with .*Try: bring the"):
             fill_points_form(form, np.concatenate(swapped) @ turn, day=DAY)
-    fill_points_form(form, np.concatenate(each) @ turn, day=DAY)
+    fill_points_form(form, np.concatenate(each) @ turn, day=DAY, artefact_degC=20.0)
 
 
 def test_a_form_saved_with_semicolons_and_decimal_commas_is_filled_alike(form, planned):
@@ -156,9 +156,35 @@ def test_far_too_few_readings_are_counted_only(form, planned):
 
 
 def test_a_filled_form_is_not_filled_again(form, planned):
-    fill_points_form(form, planned, day=DAY)
+    fill_points_form(form, planned, day=DAY, artefact_degC=20.0)
     with pytest.raises(InputError, match="all points have coordinates already"):
         fill_points_form(form, planned, day=DAY)
+
+
+def test_a_form_without_the_temperature_that_its_tests_need_is_not_filled(form, planned, layout):
+    before = form.read_text(encoding="utf-8")
+    needing = dict.fromkeys(one.test for one in layout if one.test in SIZE_TESTS)
+    said = rf"temperature of the artefacts is missing in \d+ rows .*\({', '.join(needing)}\).*--artefact-temperature"
+    with pytest.raises(InputError, match=said) as caught:
+        fill_points_form(form, planned, day=DAY)
+    assert caught.value.column == "artefact_degC"
+    assert form.read_text(encoding="utf-8") == before
+    # Filled in elsewhere, without temperatures: what is missing is not a new form.
+    fill_points_form(form, planned, day=DAY, artefact_degC=21.25)
+    form.write_text(form.read_text(encoding="utf-8").replace(",21.25,", ",,"), encoding="utf-8")
+    with pytest.raises(InputError, match="temperature of the artefacts is missing.*enter it in the file"):
+        fill_points_form(form, planned, day=DAY, artefact_degC=20.0)
+
+
+def test_temperatures_typed_into_a_form_suffice(form, planned):
+    rows = list(csv.reader(form.read_text().splitlines()))
+    at = rows[0].index("artefact_degC")
+    for row in rows[1:]:
+        row[at] = "20.75"
+    with form.open("w", newline="") as out:
+        csv.writer(out, lineterminator="\n").writerows(rows)
+    assert fill_points_form(form, planned, day=DAY) == len(planned)
+    assert {group.degC for test in read_points(form).tests.values() for group in test} == {20.75}
 
 
 def test_a_point_on_a_surface_needs_the_diameter_of_the_tip(layout, planned, tmp_path):

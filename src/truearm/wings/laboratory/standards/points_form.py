@@ -16,6 +16,7 @@ from truearm.files.atomic_write import atomic_file, check_new_file
 from truearm.files.dates import check_past
 from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns
 from truearm.files.spreadsheet_forms import read_form
+from truearm.number_format import format_count
 from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.wings.laboratory.standards.coordinate_origin import FROM as ORIGIN
@@ -150,7 +151,8 @@ def fill_points_form(
     InputError
         If there are more or fewer points than empty rows (the message says which point is likely missing or one too
         many), distances between points are not the planned ones (a point missed and another taken twice, or another
-        order; the message names the first), a point on a surface has no tip diameter, the form states another serial
+        order; the message names the first), a point on a surface has no tip diameter or a test lacks the temperature
+        that it needs, the form states another serial
         number or has points of another origin, or day or temperature are implausible.
     """
     check_past(day)
@@ -159,6 +161,8 @@ def fill_points_form(
     form = _read_form(path)
     form.check_same_item(serial_number, origin)
     rows = form.rows_of(points)
+    if artefact_degC is None:
+        form.check_temperatures(rows)
     same = {SERIAL_NUMBER: serial_number, ACCEPTED: accepted, **origin.cells}
     for at, (row, point) in enumerate(zip(rows.tolist(), points.tolist(), strict=True)):
         form.enter_point(row, point, day, artefact_degC)
@@ -299,13 +303,14 @@ class _Form:
             self.enter_number(row, name, f"{value:.6f}")
         if not self.cell(row, "date"):
             self.enter(row, "date", day.isoformat())
-        if artefact_degC is not None and self.cell(row, "test") in SIZE_TESTS and not self.cell(row, TEMPERATURE):
+        if artefact_degC is not None and self._lacks_temperature(row):
             self.enter_number(row, TEMPERATURE, f"{artefact_degC:g}")
 
     def rows_of(self, points: FloatArray) -> IntArray:
         """The rows without coordinates that points (k, 3) fill in; refuses other points than the planned ones."""
         rows = self.empty_rows()
         if not len(rows):
+            self.check_temperatures(np.arange(len(self.cells)))
             raise self.sheet.error("all points have coordinates already", hint="write a new form: truearm verify sheet")
         if len(points) != len(rows):
             raise self.mismatch(points, rows)
@@ -314,6 +319,27 @@ class _Form:
         self._check_not_exchanged(points, rows)
         self._check_tips(rows)
         return rows
+
+    def check_temperatures(self, rows: IntArray) -> None:
+        """Check that the temperature of the artefact is stated in rows whose test needs it.
+
+        Raises
+        ------
+        InputError
+            With these tests, if it is not.
+        """
+        if lacking := [row for row in rows.tolist() if self._lacks_temperature(row)]:
+            tests = dict.fromkeys(self.cell(row, "test") for row in lacking)
+            raise self.sheet.error(
+                f"the temperature of the artefacts is missing in {format_count(len(lacking), 'row')} of tests that "
+                f"need it ({', '.join(tests)})",
+                lacking[0],
+                column=TEMPERATURE,
+                hint="state it with --artefact-temperature; in rows that have coordinates, enter it in the file",
+            )
+
+    def _lacks_temperature(self, row: int) -> bool:
+        return self.cell(row, "test") in SIZE_TESTS and not self.cell(row, TEMPERATURE)
 
     def _check_tips(self, rows: IntArray) -> None:
         """Check that the diameter of the tip is stated where points are on a surface."""
