@@ -271,6 +271,38 @@ def test_a_missing_joint_is_named():
     assert beside.remarks == ("A1, A2, A4 may be joint angles, but A3 is missing.",)
 
 
+@pytest.mark.parametrize(
+    ("names", "lacks", "typed"),
+    [
+        (["Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 3"], "Wrist 2", "'Base,Shoulder,Elbow,Wrist 1,Wrist 3'"),
+        (["s", "l", "u", "r", "t"], "b", "s,l,u,r,t"),
+        (
+            [f"shoulder_{one}_joint" for one in ("pan", "lift")] + [f"wrist_{i}_joint" for i in (1, 2, 3)],
+            "elbow",
+            "shoulder_pan_joint,shoulder_lift_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint",
+        ),
+    ],
+)
+def test_a_missing_joint_of_an_arm_that_names_its_joints_is_named(names, lacks, typed):
+    found = recognise_program_columns([*names, "X", "Y", "Z"])
+    assert found.columns.angles == ()
+    assert found.no_angles.problem == f"{', '.join(names)} may be joint angles, but {lacks} is missing"
+    assert f"--angles {typed} if" in found.no_angles.hint
+
+
+def test_a_program_whose_joints_are_all_of_a_longer_list_lacks_none():
+    """Yaskawa's six axes are the seven of its other arms but one; the base of UR's pendant is not the other UR's."""
+    for names in ("slurbt", ["base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"]):
+        found = recognise_program_columns(list(names))
+        assert (found.columns.angles, found.no_angles, found.remarks) == (tuple(names), None, ())
+
+
+def test_columns_to_type_are_quoted_where_their_names_have_blanks():
+    angles = ["Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3"]
+    (said,) = recognise_program_columns([*angles, "TCP X", "TCP Y", "TCP Z"]).remarks
+    assert "--point 'TCP X,TCP Y,TCP Z' if an instrument" in said
+
+
 def test_a_quaternion_in_numbers_is_no_joint_beside_joints():
     assert list(recognise_program_columns(["q0", "q1", "q2", "q3", *numbered("J{}")]).columns.angles) == numbered("J{}")
 

@@ -10,6 +10,7 @@ laser trackers (X, Y, Z, ux, uy, uz).
 from __future__ import annotations
 
 import re
+import shlex
 import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -285,19 +286,20 @@ def _words_match(pattern: re.Pattern[str], text: str) -> bool:
 def _chosen_joints(table: Sequence[_Name], doubts: list[InputError]) -> _Joints | None:
     """The one run of measured joint angles; None if there is none. `doubts` say why columns are not taken for one."""
     runs = []
-    for run in (*_numbered(table, doubts), *_named(table)):
+    for run in (*_numbered(table, doubts), *_named(table, doubts)):
         if not _is_quaternion(run):
             runs.append(run)
             continue
         problem = f"{_span(run.columns)} are no joint angles but a quaternion: its rows have the length 1"
-        names = ",".join(_labels(run.columns))
-        doubts.append(InputError(problem, hint=f"--orientation '{names}', with --orientation-order wxyz or xyzw"))
+        doubts.append(
+            InputError(problem, hint=f"--orientation {_argument(run.columns)}, with --orientation-order wxyz or xyzw")
+        )
     own = [run for run in runs if run.is_program] or runs
     if len(own) > 1:  # q1 .. q4 beside joints may be a quaternion
         own = [run for run in own if len(run.columns) != 4 or not run.columns[0].stem.startswith("q")] or own
     if len(own) > 1:
         both = " and ".join(_span(run.columns) for run in own)
-        hint = f"--angles '{','.join(_labels(own[0].columns))}'"
+        hint = f"--angles {_argument(own[0].columns)}"
         doubts.insert(0, InputError(f"two runs of columns may be the joint angles: {both}", hint=hint))
         return None
     return own[0] if own else None
@@ -343,10 +345,7 @@ def _numbered(table: Sequence[_Name], doubts: list[InputError]) -> list[_Joints]
                 continue
             columns = tuple(numbers[i] for i in sorted(numbers))
             if missing := sorted({*range(first, last + 1)} - numbers.keys()):
-                names, lacks = _labels(columns), re.sub(r"\d+(?=\D*$)", str(missing[0]), columns[0].written)
-                problem = f"{', '.join(names)} may be joint angles, but {lacks} is missing"
-                hint = f"export {lacks} too, or --angles '{','.join(names)}' if the arm has no such joint"
-                doubts.append(InputError(problem, hint=hint))
+                doubts.append(_lacking(columns, re.sub(r"\d+(?=\D*$)", str(missing[0]), columns[0].written)))
                 continue
             taken |= set(columns)
             if not program and all(re.search(r"[/.]position$", column.written) for column in columns):
@@ -356,8 +355,20 @@ def _numbered(table: Sequence[_Name], doubts: list[InputError]) -> list[_Joints]
     return runs
 
 
-def _named(table: Sequence[_Name]) -> list[_Joints]:
-    runs = []
+def _lacking(columns: Sequence[_Name], lacks: str) -> InputError:
+    """The error of columns that are joint angles but for one that is missing."""
+    problem = f"{', '.join(_labels(columns))} may be joint angles, but {lacks} is missing"
+    hint = f"export {lacks} too, or --angles {_argument(columns)} if the arm has no such joint"
+    return InputError(problem, hint=hint)
+
+
+def _argument(columns: Iterable[_Name]) -> str:
+    """Names of columns as they are typed behind an option: quoted where they have a blank."""
+    return shlex.quote(",".join(_labels(columns)))
+
+
+def _named(table: Sequence[_Name], doubts: list[InputError]) -> list[_Joints]:
+    runs, lacking = [], []
     for program, order in _NAMED_JOINTS.items():
         name = "|".join(sorted(order, key=len, reverse=True))
         before = r"(?:.*_)?" if len(order[0]) > 1 else ""
@@ -370,7 +381,19 @@ def _named(table: Sequence[_Name]) -> list[_Joints]:
             ordered = tuple(columns[joint] for joint in order)
             is_ros = all("/position" in column.written or "_joint" in column.stem for column in ordered)
             runs.append(_Joints("ROS JointState" if is_ros else program, ordered, "rad" if is_ros else None))
+        elif len(found) == len(columns) == len(order) - 1:
+            lacking.append((tuple(columns.values()), *{*order} - columns.keys()))
+    whole = {column for run in runs for column in run.columns}
+    for those, missing in sorted(lacking, key=lambda one: -len(one[0]))[:1]:
+        if not whole.issuperset(those):
+            doubts.append(_lacking(those, _written_alike(missing, those)))
     return [run for run in runs if not any({*run.columns} < {*other.columns} for other in runs)]
+
+
+def _written_alike(joint: str, others: Sequence[_Name]) -> str:
+    """The name of a joint as a program writes it that writes the others so: Wrist 2 beside Wrist 1."""
+    spaced = joint if any("_" in one.written for one in others) else joint.replace("_", " ")
+    return spaced.title() if all(one.written[0].isupper() for one in others) else spaced
 
 
 def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *, is_stated: bool) -> dict[str, Any]:
@@ -406,7 +429,7 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
         elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
             remarks.append(
                 f"{_span(columns)} are the controller's own pose, which is no reference. Use "
-                f"--point {','.join(_labels(columns))} if an instrument measured them."
+                f"--point {_argument(columns)} if an instrument measured them."
             )
         elif _words_match(_NOT_MEASURED, beside) and not _words_match(_OTHER_QUANTITY, beside):
             found.setdefault("position", _labels(columns))  # readings of one goal are neighbours
@@ -421,7 +444,7 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
     points = [] if is_stated else [columns for rank, columns in ranked if rank in alike[first]]
     if len(points) > 1:
         both = " and ".join(", ".join(_labels(columns)) for columns in points)
-        hint = f"--point '{','.join(_labels(points[0]))}'"
+        hint = f"--point {_argument(points[0])}"
         found["no_points"] = InputError(f"two sets of columns may be the points: {both}", hint=hint)
         points = []
     if points:

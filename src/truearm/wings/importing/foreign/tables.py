@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
@@ -437,7 +438,9 @@ def _whole_columns(
     columns = known.columns
     if len(columns.orientation) == 3 and orientation_unit is None and not stated.orientation:
         names = ",".join(columns.orientation)
-        remarks.append(f"{names} have no unit: not read. Use --orientation {names} with --orientation-unit.")
+        remarks.append(
+            f"{names} have no unit: not read. Use --orientation {shlex.quote(names)} with --orientation-unit."
+        )
         columns = replace(columns, orientation=())
     others = {}
     for name, column in columns.others.items():
