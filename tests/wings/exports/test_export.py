@@ -168,7 +168,7 @@ def test_joints_of_check_poses_in_degrees_are_found(model, exported):
 def test_a_region_is_named_in_the_file(model, session, tmp_path):
     result = ta.export(model, tmp_path / "arm.urdf", region=session)
     assert result.manifest.loss.n_poses == len(session)
-    assert "the poses given" in str(result)
+    assert f"by cross-validation over {len(session)} poses (the poses given)." in str(result)
 
 
 def test_the_command_writes_checks_and_says_so_by_its_exit_code(truearm, model, tmp_path):

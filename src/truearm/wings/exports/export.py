@@ -147,7 +147,8 @@ class ExportResult(Record):
             )
             yield (
                 f"{spec.content}: {exported} mm from the model's points on average, {largest} mm at most (nominal arm "
-                f"{nominal} mm; the model's own uncertainty {own} mm), at {loss.n_poses} poses held out: {loss.region}."
+                f"{nominal} mm; the model's own uncertainty {own} mm), by cross-validation over {loss.n_poses} poses "
+                f"({loss.region})."
             )
             if origin.model == "physical":
                 yield self._what_is_lost()
