@@ -30,7 +30,7 @@ from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.change_point import rigid_motions, session_changes
-from truearm.identification.references.rounded_angles import tip_motion_mm, tip_motions
+from truearm.identification.references.prepared_readings import tip_motion_mm, tip_motions
 from truearm.identification.terms import constants
 from truearm.readings import Session
 from truearm.typing import FloatArray

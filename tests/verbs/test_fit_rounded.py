@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.identification.references.rounded_angles import tip_motion_mm, tip_motions
+from truearm.identification.references.prepared_readings import tip_motion_mm, tip_motions
 
 STEP = np.radians(0.1)
 POSES, TESTED = 80, 100

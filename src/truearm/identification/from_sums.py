@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truearm.identification.estimation.consider_parameters import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.estimation.propagation import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.estimation.rounds import SETTLED_STEP
 from truearm.identification.judgement.day_to_day import on_another_day

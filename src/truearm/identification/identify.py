@@ -23,9 +23,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from truearm.findings import Finding
-from truearm.identification.estimation.consider_parameters import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.identification import identify, with_few_changed
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.propagation import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
     NONE_HELD_OUT,

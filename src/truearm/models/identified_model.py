@@ -29,8 +29,7 @@ from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.length_scale import LengthScale, refuse_wrong_scale
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.residual_process import ResidualProcess
-from truearm.identification.references.prepared_readings import PreparedReadings
-from truearm.identification.references.rounded_angles import tip_motions
+from truearm.identification.references.prepared_readings import PreparedReadings, tip_motions
 from truearm.identification.terms import ArmState, Expression, SkippedTerm, Term, constants
 from truearm.identification.terms.basis import Temperature, check_parts
 from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED

@@ -22,8 +22,8 @@ from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.identify import Progress
 from truearm.identification.judgement.frame_changes import SessionChange, frame_changes
 from truearm.identification.judgement.gross_errors import excluded_readings
+from truearm.identification.judgement.held_out_errors import exceeds, group_means, selected, trimmed_mean
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
-from truearm.identification.judgement.paired_comparison import exceeds, group_means, selected, trimmed_mean
 from truearm.identification.terms import Term
 from truearm.models.compensator import Compensator
 from truearm.models.hybrid import HybridModel

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.arm import load_arm
-from truearm.identification.estimation.consider_parameters import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.identification import identify
+from truearm.identification.estimation.propagation import response_to_point_errors, with_shared_error
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
 

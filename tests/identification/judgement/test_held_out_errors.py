@@ -11,7 +11,7 @@ from scipy import stats
 
 from truearm.arm import load_arm
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT, HeldOutReadings
-from truearm.identification.judgement.paired_comparison import exceeds, selected, trimmed_mean
+from truearm.identification.judgement.held_out_errors import exceeds, selected, trimmed_mean
 from truearm.models import KinematicModel, NominalModel
 from truearm.models.selection import worse_than_nominal
 from truearm.readings import Session

@@ -27,8 +27,8 @@ from truearm.identification.estimation.linearisation import (
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, huber_weights, paule_mandel_variance
+from truearm.identification.references.prepared_readings import residual_variance, tip_motions
 from truearm.identification.references.references import Reference
-from truearm.identification.references.rounded_angles import residual_variance, tip_motions
 from truearm.solve import KnownStep, StepHalving, damped_step
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import GroupedEquations, GroupedPrior

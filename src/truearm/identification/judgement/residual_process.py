@@ -21,7 +21,7 @@ from truearm.identification.estimation.residual_process import GROUP, propose_pr
 from truearm.identification.estimation.residual_variance import HeldOutReadings
 from truearm.identification.judgement.cross_validation import cross_validate_by_group
 from truearm.identification.judgement.gross_errors import excluded_readings
-from truearm.identification.judgement.paired_comparison import group_means, trimmed_mean
+from truearm.identification.judgement.held_out_errors import group_means, trimmed_mean
 from truearm.identification.references.alignment import align
 from truearm.identification.references.cross_validation_groups import cross_validation_groups
 from truearm.identification.references.prepared_readings import PreparedReadings

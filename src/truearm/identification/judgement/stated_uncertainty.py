@@ -14,9 +14,8 @@ import numpy as np
 from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
-from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.prepared_readings import PreparedReadings, tip_motion_mm
 from truearm.identification.references.references import Points, Reference
-from truearm.identification.references.rounded_angles import tip_motion_mm
 from truearm.readings.readings import Measurements
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray

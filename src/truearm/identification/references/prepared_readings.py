@@ -1,4 +1,10 @@
-"""The readings of a session, prepared once for all steps of an identification: in one frame, as references."""
+"""The readings of a session, prepared once for all steps of an identification: in one frame, as references.
+
+Rounded angles: how uncertain tips and residuals are by the standard uncertainty of the angles.
+
+To first order an error of joint j moves the tip along its derivative by that angle; errors of different joints are
+independent (JCGM 100:2008, 5.1.2).
+"""
 
 from __future__ import annotations
 
@@ -18,8 +24,7 @@ from truearm.identification.references.cross_validation_groups import (
 )
 from truearm.identification.references.reading_references import Referenced, roughly_aligned_chain, state_of
 from truearm.identification.references.reference_table import ReferenceTable, reference_table
-from truearm.identification.references.references import Points, Reference
-from truearm.identification.references.rounded_angles import tip_motion_mm
+from truearm.identification.references.references import LinearisedResiduals, Points, Reference
 from truearm.identification.references.session_frames import in_one_frame
 from truearm.identification.references.tips import free_tips
 from truearm.identification.terms import ArmState, Term
@@ -33,6 +38,25 @@ from truearm.readings.reference_uncertainty import scale_errors
 from truearm.readings.rounding import rounding_steps
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
+
+
+def tip_motions(chain: Chain, angles: FloatArray, std: FloatArray) -> FloatArray:
+    """(n_joints, n, 3) motions of the tip by one standard uncertainty of each joint [mm]."""
+    tips = chain.tip_in_base(angles)
+    return np.stack([chain.tip_in_base(angles + one) - tips for one in np.diag(std)])
+
+
+def tip_motion_mm(chain: Chain, angles: FloatArray, std: FloatArray) -> float:
+    """Root mean square motion of the tip by errors of the angles [mm]."""
+    if not std.any():
+        return 0.0
+    return float(np.sqrt((tip_motions(chain, angles, std) ** 2).sum(axis=(0, 2)).mean()))
+
+
+def residual_variance(linear: LinearisedResiduals, motions: FloatArray) -> FloatArray:
+    """(k, m) variances of residuals by motions (n_joints, m, 3) of tips [mm^2]; turns of the flange are ignored."""
+    return np.asarray((np.einsum("kim,jmi->kjm", linear.by_tip, motions) ** 2).sum(axis=1))
+
 
 # Root mean square motion of the tip by rounding of the angles that counts, on an arm of usual reach [mm]: what a laser
 # tracker is uncertain by.

@@ -14,7 +14,7 @@ import numpy as np
 from truearm import __version__
 from truearm.arm import Arm
 from truearm.errors import InputError
-from truearm.identification.judgement.paired_comparison import selected
+from truearm.identification.judgement.held_out_errors import selected
 from truearm.identification.references.cross_validation_groups import cross_validation_groups
 from truearm.models import Compensator, NetworkModel
 from truearm.number_format import format_count, format_number
