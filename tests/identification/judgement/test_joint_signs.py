@@ -86,3 +86,10 @@ def test_a_sign_that_is_shown_changes_nothing():
     session = simulated("box")
     beside = ta.load_arm("ur10").chain.pose(session.angles).R_base_tip[:, :, 1]
     assert not signs(ta.fit("ur10", replace(session, points=session.points + 50 * beside), model="kinematic").model)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_seats_without_a_length_make_no_false_sign(seed):
+    """The size that is held there counts in the sum of squares: the other sign explained less than nothing."""
+    session = ta.simulate("measuring7", poses=48, seed=seed, strategy="seat", seats=4, reference=False).session
+    assert not [remark for remark in ta.fit("measuring7", session, model="kinematic").remarks if "other way" in remark]

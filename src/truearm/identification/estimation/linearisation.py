@@ -24,7 +24,7 @@ def linearised(
 ) -> tuple[list[Arrowhead], Arrowhead]:
     """Normal equations of every reference, and their sum with the constraints."""
     parts, whole = problem.equations(x, weights)
-    head, gradient = whole.head, whole.gradient
+    head, gradient, cost = whole.head, whole.gradient, whole.cost
     if any(reference.kind in RELATIVE for reference in problem.references):
         size = problem.log_size_ratio_gradient(x)
         for part, reference in zip(parts, problem.references, strict=True):
@@ -33,8 +33,10 @@ def linearised(
         if size_is_open(problem, x):
             of_coefficients = size[: len(head)]
             head = head + np.outer(of_coefficients, of_coefficients) / SIZE_STD**2
-            gradient = gradient + size * problem.log_size_ratio(x) / SIZE_STD**2
-    return parts, replace(whole, gradient=gradient, head=head)
+            off = problem.log_size_ratio(x)
+            gradient = gradient + size * off / SIZE_STD**2
+            cost += 0.5 * (off / SIZE_STD) ** 2
+    return parts, replace(whole, gradient=gradient, head=head, cost=cost)
 
 
 def roughly_linearised(
