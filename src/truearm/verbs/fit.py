@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -219,6 +219,8 @@ def _check_choice(model: ModelName, options: Mapping[str, Any], *, has_arm: bool
         raise InputError(f"model {model!r} needs the nominal arm", hint=f"--arm ARM: {WAYS_TO_AN_ARM}")
     if "terms" in options and model not in ("auto", "kinematic", "physical"):
         raise InputError(f"expected a model that identifies terms, got {model!r}", hint="model='physical'")
+    if not isinstance(options.get("terms", ()), Sequence):
+        raise InputError(f"expected a sequence of terms, got {options['terms']!r:.60}", hint="terms=[term]")
 
 
 def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelName, serial_number: str) -> TypePrior:

@@ -36,7 +36,9 @@ class SharedOptions:
     model: Annotated[
         Path | None, Option("--model-file", help="Model file: shows the corrected tip with its uncertainty.")
     ] = None
-    out_model: Annotated[Path | None, Option(help="Where a model fitted to the readings is saved; must be new.")] = None
+    out_model: Annotated[
+        Path | None, Option(help="Where a model fitted to the readings is saved; replaces one of the same arm.")
+    ] = None
     reference: Annotated[
         str | None, Option(help="What measures the tip, if not the source: another source, paired by time, or typed.")
     ] = None

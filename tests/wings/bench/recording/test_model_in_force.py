@@ -181,8 +181,14 @@ def test_a_fit_ends_with_the_recording(tmp_path, session):
 def test_what_cannot_be_fitted_or_saved_is_refused(tmp_path, session):
     file = tmp_path / "there.truearm"
     file.write_text("")
-    with pytest.raises(InputError, match="the file exists"):
+    with pytest.raises(InputError, match="the file exists already, and is not one"):
         ModelInForce(None, None, tmp_path / "session.csv", file)
+    ta.fit("ur5", ta.simulate("ur5", poses=20, seed=1).session, model="nominal").model.save(
+        file := tmp_path / "ur5.truearm"
+    )
+    ModelInForce(ta.load_arm("ur5"), None, tmp_path / "session.csv", file)  # the next day
+    with pytest.raises(InputError, match="another arm"):
+        ModelInForce(ta.load_arm("ur10"), None, tmp_path / "session.csv", file)
     in_force = ModelInForce(None, None, tmp_path / "session.csv", None)
     assert in_force.refit(3).text == "a fit needs the arm: start with --arm ARM"
     assert ModelInForce(ta.load_arm("ur10"), None, tmp_path / "s.csv", None).refit(0).kind == "refused"

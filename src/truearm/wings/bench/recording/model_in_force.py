@@ -18,7 +18,6 @@ import numpy as np
 
 from truearm.arm import Arm
 from truearm.errors import InputError, ProgramFault, TruearmError
-from truearm.files.atomic_write import check_writable
 from truearm.models import Compensator, load_model
 from truearm.number_format import format_count
 from truearm.readings import Session, read_session
@@ -26,6 +25,7 @@ from truearm.readings.anchors import LEAST_COMPARED
 from truearm.typing import FloatArray
 from truearm.verbs.evaluate import evaluate
 from truearm.verbs.fit import fit
+from truearm.verbs.outputs import check_model_output
 from truearm.wings.bench.recording.session_log import Event
 from truearm.wings.bench.sources import Sample
 
@@ -203,7 +203,7 @@ class ModelInForce:
     readings : Path
         Session file of the recording.
     out : Path, optional
-        Where `save` writes the model; must be new.
+        Where `save` writes the model, which replaces one of the same arm only.
 
     Attributes
     ----------
@@ -214,9 +214,7 @@ class ModelInForce:
 
     def __init__(self, arm: Arm | None, model: Compensator | None, readings: Path, out: Path | None) -> None:
         if out is not None:
-            if out.exists():
-                raise InputError("the file exists", file=out, hint="choose another name for the model")
-            check_writable(out)
+            check_model_output(out, arm, readings, force=False)
         self._arm, self.model, self._readings, self._out = arm, model, readings, out
         self.trained_on = 0 if model is None else _n_known(model, readings)
         self._fit: FitProcess | None = None

@@ -62,7 +62,7 @@ def record(
         The next pose is the one that adds most to what is known of the arm: of the plan's, or without a plan of poses
         that the arm reaches. By default the plan is followed in its order.
     out_model : path, optional
-        Where the command ``save`` writes the model in force; must be new.
+        Where the command ``save`` writes the model in force, which replaces one of the same arm only.
 
     Yields
     ------

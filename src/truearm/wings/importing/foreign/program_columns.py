@@ -382,7 +382,8 @@ def _named(table: Sequence[_Name], doubts: list[InputError]) -> list[_Joints]:
             is_ros = all("/position" in column.written or "_joint" in column.stem for column in ordered)
             runs.append(_Joints("ROS JointState" if is_ros else program, ordered, "rad" if is_ros else None))
         elif len(found) == len(columns) == len(order) - 1:
-            lacking.append((tuple(columns.values()), *{*order} - columns.keys()))
+            (missing,) = {*order} - columns.keys()
+            lacking.append((tuple(columns.values()), missing))
     whole = {column for run in runs for column in run.columns}
     for those, missing in sorted(lacking, key=lambda one: -len(one[0]))[:1]:
         if not whole.issuperset(those):
