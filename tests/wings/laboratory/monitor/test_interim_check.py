@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.files.dates import format_date
+from truearm.pages.plotting import figure_style
 from truearm.readings import Lengths
 from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.wings.laboratory.monitor.assessment import (
@@ -33,10 +35,16 @@ from truearm.wings.laboratory.monitor.interim_check import (
     MOST_EXPECTED,
     CheckValue,
     InterimCheck,
+    Withdrawal,
     interim_deviations,
     interim_values,
 )
-from truearm.wings.laboratory.pages.interim_check_page import drift_sections
+from truearm.wings.laboratory.pages.interim_check_page import (
+    drift_page,
+    drift_sections,
+    few_checks_figure,
+    temperature_figure,
+)
 from truearm.wings.laboratory.standards.specification import Specification
 
 POLES = np.concatenate([np.eye(3), -np.eye(3)])
@@ -199,6 +207,52 @@ def test_the_page_of_few_checks_has_one_chart_that_says_so():
     assert [len(line.get_xdata()) for line in axes.lines[:2]] == [3, 3]
     np.testing.assert_allclose(axes.lines[0].get_ydata(), [2, -4, 2])  # % of 0.05 mm
     assert len(enough.panels) == 2
+
+
+def test_a_withdrawn_check_does_not_count_towards_the_limits_of_the_charts():
+    checks = [
+        replace(one, values=tuple(replace(value, largest_expected_mm=0.05) for value in one.values))
+        for one in checks_of([0.001, -0.002, 0.001, 0.0])
+    ]
+    checks[1] = replace(checks[1], withdrawn=Withdrawal(checks[1].date, "wrong bar"))
+    figure = few_checks_figure(assess(checks).trends, checks)
+    (axes,) = figure.panels[0].axes
+    assert axes.get_title("left") == "too few yet: 3 of 6 checks for limits"
+    assert axes.get_xlim()[1] == pytest.approx(7.6)  # four made, three to come
+    assert "begin with check 7" in figure.caption
+    assert "Values of 3 checks" in figure.alt
+
+
+@pytest.mark.parametrize("n", range(2, 14))
+def test_dates_below_a_chart_do_not_overlap(n):
+    checks = [
+        replace(one, values=tuple(replace(value, largest_expected_mm=0.05) for value in one.values))
+        for one in checks_of(0.001 * np.arange(n))
+    ]
+    figures = [temperature_figure(checks)]
+    if n < 6:
+        figures.append(few_checks_figure(assess(checks).trends, checks))
+    for figure in figures:
+        drawing = figure.panels[0]
+        with figure_style():
+            drawing.canvas.draw()
+        labels = [label for label in drawing.axes[0].get_xticklabels() if "-" in label.get_text()]
+        assert "2026-01-" in labels[-1].get_text()
+        extents = sorted((label.get_window_extent() for label in labels), key=lambda one: one.x0)
+        assert all(left.x1 + 2 < right.x0 for left, right in itertools.pairwise(extents)), [str(e) for e in extents]
+
+
+def test_the_page_says_its_answer_once():
+    checks = checks_of([0.0, 0.001, -0.001])
+    found = assess(checks)
+    page = drift_page(checks, found, arm="arm", remarks=["one of another model"])
+    assert page.verdict.sentence == describe_assessment(found, checks)
+    below = page.sections[0].text
+    for said in (describe_assessment(found, checks), *describe_power(found)):
+        assert said not in below
+        assert said in f"{page.verdict.sentence} {page.verdict.detail}"
+    assert below.startswith("One of another model.")
+    assert page.summary[0].label == "is it time to recalibrate?"
 
 
 def limited(**limits):

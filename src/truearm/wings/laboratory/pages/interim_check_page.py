@@ -31,6 +31,8 @@ from truearm.wings.laboratory.monitor.interim_check import InterimCheck, counted
 
 _MOST_ROWS = 60
 _MOST_TICKS = 4
+_DATE_SHARE = 0.3  # of an axis: from a date to the next one, of which one may be at an end
+_REASONS_ABOVE = 2  # with the verdict; the answer below has the others
 
 
 def drift_page(
@@ -60,7 +62,9 @@ def drift_page(
         Model, arm, history and versions.
     """
     first, last = format_date(checks[0].date), format_date(checks[-1].date)
-    rows = [LabelledValue("recalibrate", assessment.recalibrate.value, state=_STATES[assessment.recalibrate])]
+    rows = [
+        LabelledValue("is it time to recalibrate?", assessment.recalibrate.value, state=_STATES[assessment.recalibrate])
+    ]
     if assessment.since is not None:
         rows += [LabelledValue("changed since", format_date(checks[assessment.since].date))]
     rows.append(LabelledValue("checks with this model", len(counted(checks))))
@@ -75,7 +79,7 @@ def drift_page(
         verdict=PageVerdict(
             describe_assessment(assessment, checks),
             _STATES[assessment.recalibrate],
-            " ".join(f"{capitalize(reason)}." for reason in assessment.reasons[:2])
+            " ".join(f"{capitalize(reason)}." for reason in assessment.reasons[:_REASONS_ABOVE])
             or " ".join(describe_power(assessment)),
         ),
     )
@@ -172,9 +176,10 @@ def few_checks_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -
     trends : sequence of Trend
         With a chart and an explained deviation.
     checks : sequence of InterimCheck
-        All checks, for their dates; fewer than charts need.
+        All checks, for their dates; fewer than charts need. Withdrawn ones do not count.
     """
-    needed = 1 + MIN_LIMIT_VALUES
+    needed, n = 1 + MIN_LIMIT_VALUES, len(counted(checks))
+    end = max(len(checks), len(checks) + needed - n)
     height_in = 2.9 + 0.19 * -(-len(trends) // 2)  # the names stand below
     with figure_style():
         drawing, (axes,) = make_panel(4.6, height_in)
@@ -191,19 +196,20 @@ def few_checks_figure(trends: Sequence[Trend], checks: Sequence[InterimCheck]) -
             )  # fmt: skip
         for edge in (-100.0, 100.0):
             axes.axhline(edge, color=LIMIT, linewidth=0.9)
-        axes.axvspan(len(checks) + 0.5, needed + 0.5, color=FAINT, alpha=0.4, linewidth=0)
-        axes.set_title(f"too few yet: {len(checks)} of {needed} checks for limits")
+        axes.axvspan(len(checks) + 0.5, end + 0.5, color=FAINT, alpha=0.4, linewidth=0)
+        axes.set_title(f"too few yet: {n} of {needed} checks for limits")
         axes.set_ylabel("value / explained [%]")
-        axes.set_xlim(0.4, needed + 0.6)
-        dates = {i: f"\n{checks[i - 1].date.date()}" for i in (1, len(checks))}
-        axes.set_xticks(range(1, needed + 1), [f"{i}{dates.get(i, '')}" for i in range(1, needed + 1)])
+        axes.set_xlim(0.4, end + 0.6)
+        ends = [1, len(checks)] if len(checks) - 1 >= _DATE_SHARE * end else [len(checks)]
+        dates = {i: f"\n{checks[i - 1].date.date()}" for i in ends}
+        axes.set_xticks(range(1, end + 1), [f"{i}{dates.get(i, '')}" for i in range(1, end + 1)])
         drawing.subplots_adjust(bottom=(height_in - 2.4) / height_in)
         drawing.legend(loc="lower left", ncols=2, bbox_to_anchor=(0.0, 0.0), borderaxespad=0.0)
     return Figure(
         (drawing,),
         caption="Each value as a share of what the uncertainty of the model explains, between the grey lines; a "
-        f"diameter by its difference from the mean. The charts with limits begin with check {needed}.",
-        alt=f"Values of {len(checks)} checks as shares of what the model explains; {needed} checks are needed.",
+        f"diameter by its difference from the mean. The charts with limits begin with check {end}.",
+        alt=f"Values of {n} checks as shares of what the model explains; {needed} checks are needed.",
         columns=2,
     )
 
@@ -231,11 +237,14 @@ def temperature_figure(checks: Sequence[InterimCheck]) -> Figure:
 
 
 def _answer(checks: Sequence[InterimCheck], assessment: Assessment, remarks: Sequence[str]) -> str:
-    sentences = [f"{capitalize(phrase)}." for phrase in (*assessment.reasons, *assessment.remarks, *remarks)]
+    """What the verdict above does not say already."""
+    phrases = (*assessment.reasons[_REASONS_ABOVE:], *assessment.remarks, *remarks)
+    sentences = [f"{capitalize(phrase)}." for phrase in phrases]
     sentences += [f"{one}." for one in describe_withdrawals(checks)]
     on_charts = [describe_missing_limits(assessment), describe_correlations(assessment)]
     sentences.append(" ".join(f"{capitalize(phrase)}." for phrase in on_charts if phrase is not None))
-    return "\n\n".join([describe_assessment(assessment, checks), *describe_power(assessment), *sentences])
+    power = describe_power(assessment) if assessment.reasons else ()
+    return "\n\n".join([*power, *sentences])
 
 
 def _last_table(trends: Sequence[Trend]) -> Table:
@@ -376,9 +385,14 @@ def _values(axes: Axes, number: IntArray, chart: ControlChart) -> None:
 def _checks_axis(axes: Axes, checks: Sequence[InterimCheck]) -> None:
     """Number and date of some of the checks; equal steps, so that many checks of one day can be read too."""
     n = len(checks)
-    axes.set_xlim(0.4, max(n, 2) + 0.6)
+    low, high = 0.4, max(n, 2) + 0.6
+    axes.set_xlim(low, high)
     shown = sorted({1 + round(share * (n - 1)) for share in np.linspace(0, 1, _MOST_TICKS)})
-    axes.set_xticks(shown, [f"{i}\n{checks[i - 1].date.date()}" for i in shown])
+    dated: list[int] = []
+    for i in (shown[0], shown[-1], *shown[1:-1]):
+        if all(abs(i - other) >= _DATE_SHARE * (high - low) for other in dated):
+            dated.append(i)
+    axes.set_xticks(shown, [f"{i}\n{checks[i - 1].date.date()}" if i in dated else str(i) for i in shown])
     if n > 1:  # a date at an end is wider than the margin
         labels = axes.get_xticklabels()
         labels[0].set_horizontalalignment("left")
