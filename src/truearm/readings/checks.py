@@ -384,7 +384,9 @@ def check_scale(session: Measurements, tips: FloatArray) -> None:
     unit = likely_unit(session, tips)
     session.contradict(
         f"the reference points spread over {spread:.3g} mm, the nominal tips of these readings over {nominal:.4g} mm",
-        hint=f"the points may be in {unit}: convert them to mm" if unit else "check the unit of points and angles",
+        hint=f"the points may be in {unit}: convert them to mm, or state it (truearm import --point-unit)"
+        if unit
+        else "check the unit of points and angles",
     )
 
 

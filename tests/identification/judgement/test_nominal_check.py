@@ -13,7 +13,7 @@ from truearm.arm.arm_files import read_arm, write_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.nominal_check import MAX_RATIO, usual_error
-from truearm.identification.references.reading_references import references_of, state_of
+from truearm.identification.references.reading_references import check_spread, references_of, state_of
 from truearm.identification.terms import constants
 from truearm.models import KinematicModel, NominalModel, load_model
 from truearm.models.refit import refit
@@ -102,6 +102,19 @@ def test_a_mistake_is_refused_at_every_door(session):
 def test_another_unit_of_the_points_is_named(session, unit, mm):
     with pytest.raises(InputError, match=f"the points may be in {unit}: convert"):
         NominalModel(ARM).fit(session.angles, session.points / mm)
+
+
+def test_the_unit_of_points_is_asked_before_their_spread_to_both_sides_of_a_line(session):
+    """All of an arm's points in m are within a millimetre or two of any line; others on a line are said to be."""
+    small = replace(session, points=session.points / 1e3)
+    with pytest.raises(InputError, match="reference points spread over") as caught:
+        check_spread(small, ARM)
+    assert "may be in m:" in caught.value.hint
+    assert "import --point-unit" in caught.value.hint
+    along = session.points.copy()
+    along[:, 1:] = 0.0
+    with pytest.raises(InputError, match=r"of a line.*measure points spread over an area"):
+        check_spread(replace(session, points=along), ARM)
 
 
 def test_degrees_are_refused(session):

@@ -21,6 +21,7 @@ from truearm.identification.references.surfaces import Lines, Planes, Spheres, l
 from truearm.identification.references.tips import tip_names
 from truearm.identification.terms import ArmState, Basis, InSession, OfTip, Term
 from truearm.identification.terms.catalogue import tool_rotation
+from truearm.readings.checks import check_scale
 from truearm.readings.lengths import Lengths
 from truearm.readings.reference_uncertainty import common_variance_of_repeats
 from truearm.readings.session import Session
@@ -213,13 +214,15 @@ def check_spread(readings: Session, arm: Arm) -> None:
     Raises
     ------
     InputError
-        If they lie on a line, or nearly so: a rotation about it is not identifiable.
+        If they lie on a line, or nearly so: a rotation about it is not identifiable; or if that is due to their unit,
+        see `check_scale`.
     """
     if readings.points is None:
         return
     seen = readings.points[readings.has_point]
     off = rms_distance_from_line(seen)
     if off < MIN_POINT_SPREAD * arm.chain.reach:
+        check_scale(readings, arm.chain.tip_in_base(readings.angles))  # points in m are all near to a line
         raise readings.error(
             f"the {len(seen)} reference points lie within {off:.3g} mm of a line: a rotation of the base about it "
             "is not identifiable",
