@@ -166,7 +166,7 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "phrase"),
     [
-        (["sheet", "iso10360-12"], "Missing option '--page'"),
+        (["sheet", "iso10360-12"], "--page is the page to write now"),
         (["sheet", "iso10360-12", "--page", "s.html", "--tip-diameter", 6], "--tip-diameter applies to --out only"),
         (["sheet", "iso10360-12", "--page", "sheet.pdf"], "ends in .html"),
         (["sheet", "iso10360-12", "--page", "away/sheet.html"], "away"),
