@@ -203,7 +203,7 @@ class Campaign:
     def xml(self, **options: Any) -> str:
         """The certificate as it is written for machines, and read again."""
         path = file("", "xml")
-        self.certified(**options).save(path)
+        self.certified(**options).save(path, force=True)
         return Path(path).read_text(encoding="utf-8")
 
 

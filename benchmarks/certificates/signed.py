@@ -80,7 +80,7 @@ def signed(signer: Holder | None = None) -> str:
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     path = file("", "xml")
-    campaign().certified().save(path, signer=read_signer(file(key, "pem"), by.pem()))
+    campaign().certified().save(path, signer=read_signer(file(key, "pem"), by.pem()), force=True)
     return Path(path).read_text(encoding="utf-8")
 
 
