@@ -10,8 +10,11 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 
 import pytest
+
+from truearm.files.table_writer import table_writer
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and terminals of POSIX")
 
@@ -136,14 +139,19 @@ def test_an_interrupted_test_of_virtual_arms_prints_nothing(tmp_path):
 
 
 def test_interrupted_in_the_middle_of_a_file(truearm, made, tmp_path, monkeypatch):
-    def stop(path, columns, **options):
-        path.write_text("half a fi")
-        raise KeyboardInterrupt
+    @contextmanager
+    def stopped(*arguments, **options):
+        def write_and_stop(columns):
+            append(columns)
+            raise KeyboardInterrupt
+
+        with table_writer(*arguments, **options) as append:
+            yield write_and_stop
 
     predict = ("predict", made / "kinematic.truearm", made / "angles.csv", "--out", tmp_path / "p.csv")
     assert truearm(*predict).code == 0
     before = (tmp_path / "p.csv").read_bytes()
-    monkeypatch.setattr("truearm.verbs.predict.write_columns", stop)
+    monkeypatch.setattr("truearm.verbs.predict.table_writer", stopped)
     ran = truearm(*predict)
     assert ran.code == 130
     assert ran.err == "truearm: interrupted\n"

@@ -38,7 +38,7 @@ def test_an_arm_of_a_wrong_size_is_not_praised(seated):
     assert said.startswith("Largest error of 1 length 5.0 mm, worse than the nominal arm (1.0 mm)")
     assert "smaller than" not in said
     report = ta.report(larger.model, held, lengths=lengths)
-    assert next(iter(report.blocks())).startswith("Lengths are off by up to ")
+    assert next(iter(report.blocks())).startswith("1 model compared on 30 readings: lengths are off by up to ")
     assert report.page().verdict.state == "bad"
 
 
