@@ -68,13 +68,13 @@ def test_a_gap_or_a_clock_that_jumps_starts_a_new_window():
     assert fed([*half, *((time_s, [0.0, 0.0]) for time_s, _ in half)]) == []
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 9999), st.sampled_from([5.0, 50.0, 500.0]))
 def test_the_arm_is_still_where_all_angles_of_the_window_are_within_the_spread(seed, rate_hz):
     """Also where the window begins again, and for far more samples than it has."""
     random, standstill, window = np.random.default_rng(seed), Standstill(RULE), []
     angles, time_s = np.zeros(2), 0.0
-    for _ in range(2000):
+    for _ in range(1000):
         time_s += 2.0 if random.random() < 0.002 else 1 / rate_hz
         angles = angles + (random.random() < 0.005) * 0.4 * RULE.spread_rad * random.standard_normal(2)
         window = [one for one in window if time_s - window[-1][0] <= RULE.window_s] + [(time_s, angles)]
