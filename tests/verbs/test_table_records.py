@@ -19,7 +19,6 @@ NOT_TABLES = {
     "PublishedReadings": "a session, which has `to_frame`",
     "ReadCertificate": "a certificate",
     "RefitResult": "a model",
-    "ReportResult": "a page; its errors are those of `evaluate`",
     "SimulationResult": "a session, which has `to_frame`",
     "SourceTrial": "what one source sends",
     "WithdrawalResult": "an entry of a history",
@@ -92,6 +91,7 @@ def tables(session, model, simulated, tmp_path_factory):
         "SourceList": (sources, len(sources.missing)),
         "CircleArm": (circle_arm(), 6),
         "CirclesPlan": (ta.plan_circles(6), 4),
+        "ReportResult": (ta.report(model, session), 2),
     }
 
 

@@ -30,7 +30,7 @@ from truearm.verbs.inputs import (
     to_model_and_session,
     with_reference,
 )
-from truearm.verbs.record import TextTable
+from truearm.verbs.record import TableRecord, TextTable, columns_of
 from truearm.verbs.regressors import AnyModelLike, Regressors, is_regressor, regressor_remark
 from truearm.verbs.sentences import number_of
 from truearm.wings.exports.formats.constants_table import NOMINAL, ArmConstant, ConstantsTable, constants_table
@@ -153,7 +153,7 @@ _HEADS = {"mean_mm": "mean [mm]", "rms_mm": "rms [mm]", "p95_mm": "95 % [mm]", "
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ReportResult(PageRecord):
+class ReportResult(TableRecord, PageRecord):
     """Models of one arm compared on the readings of a session.
 
     Attributes
@@ -253,6 +253,10 @@ class ReportResult(PageRecord):
         rows = [[name, *(f"{value:.4f}" for value in errors.values())] for name, errors in self.errors.items()]
         yield TextTable(["model", *heads], rows)
         yield from self.remarks
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for the nominal arm and for each model: its errors."""
+        return columns_of({"model": name} | dict(errors) for name, errors in self.errors.items())
 
     def _json(self) -> object:
         arm = one_arm(dict(self.models)).arm.name
