@@ -90,10 +90,6 @@ def test_the_lines_of_python(run_page):
     assert (run_page(START / "python.md") / "errors.pdf").exists()
 
 
-def test_the_way_of_the_technician(run_page):
-    assert (run_page(START / "technician.md") / "coordinates.csv").exists()
-
-
 def test_the_printed_arm(run_page):
     folder = run_page(START / "printed-arm.md")
     assert read_session(folder / "by-hand.csv").points.shape == (1, 3)
