@@ -14,7 +14,6 @@ from truearm.files.toml_documents import parse_toml
 from truearm.wings.bench.sources.line_pattern import LinesDocument, line_parser
 from truearm.wings.bench.sources.mqtt import MqttDocument, decoded
 from truearm.wings.bench.sources.ros2 import Ros2Document
-from truearm.wings.bench.sources.servo_bus import ServoDocument
 from truearm.wings.bench.sources.source_names import KINDS
 
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "live.md"
@@ -49,7 +48,6 @@ def test_its_files_can_be_read():
     assert parse(comment, 0.0).temperature_degC == 21.5
     parse, _ = line_parser(parse_toml(block("tracker.toml").encode(), LinesDocument))
     assert parse("P1;1;2;3;;", 0.0).tip_in_reference_mm.tolist() == [1, 2, 3]
-    assert parse_toml(block("so101.toml").encode(), ServoDocument).ids == (1, 2, 3, 4, 5)
     assert len(parse_toml(block("ros2.toml").encode(), Ros2Document).joints) == 6
     document = parse_toml(block("mqtt.toml").encode(), MqttDocument)
     message = block("mqtt.toml").splitlines()[0].removeprefix("# ").encode()
