@@ -13,7 +13,7 @@ from command_line import declared
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 DOCS = Path(__file__).parents[2] / "docs" / "files.md"
-KEPT, OWN, FREE = "kept", "replaced by its own kind", "kept, without `--force`"
+KEPT, OWN, FREE = "kept", "replaced by its own kind", "same arm's replaced"
 # Options and arguments that name a file or folder that is read.
 READ = {"artefacts", "certificate", "files", "folder", "model", "new", "old", "session", "table", "targets"}
 READ |= {"--about", "--artefacts", "--as-found", "--check", "--from-circles", "--key", "--lengths", "--list", "--logo"}
