@@ -98,7 +98,7 @@ def pages(runs: int = 5, pages: tuple[str, ...] = ("arm", "demo", "report of 12,
 @ROWS.row("words")
 def words() -> RowResult:
     """Words of the guide, and those outside blocks of code, without marks, generated pages and the house's own."""
-    others = {"benchmarks.md", "changelog.md", "house.md", "api.md", "commands.md"}
+    others = {"benchmarks.md", "changelog.md", "house.md", "api.md", "commands.md", "papers.md"}
     table: list[dict[str, Any]] = []
     for page in guide():
         if page.name not in others and not {"gallery", "generated"} & set(page.parts):
