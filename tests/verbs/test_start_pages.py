@@ -76,7 +76,11 @@ def test_the_commands_of_the_readme():
     if sys.platform == "win32":
         pytest.skip("no interrupt of a process here")
     page = subprocess.Popen(
-        [sys.executable, "-m", "truearm", *arguments, "--port", "0"], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "truearm", *arguments, "--port", "0"],
+        stdout=subprocess.PIPE,
+        text=True,
+        # What a shell starts in the background ignores Ctrl-C, and so would this.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert page.stdout is not None
     with page:
