@@ -381,16 +381,21 @@ def check_scale(session: Measurements, tips: FloatArray) -> None:
     spread, nominal = (float(np.sqrt(points[seen].var(axis=0).sum())) for points in (session.points, tips))
     if nominal == 0 or spread == 0 or 1 / MAX_SCALE < spread / nominal < MAX_SCALE:
         return
-    unit = likely_unit(session, tips)
     session.contradict(
         f"the reference points spread over {spread:.3g} mm, the nominal tips of these readings over {nominal:.4g} mm",
-        hint=f"the points may be in {unit}: convert them to mm, or state it (truearm import --point-unit)"
-        if unit
-        else "check the unit of points and angles",
+        hint=remedy_of_unit(session, tips) or "check the unit of points and angles",
     )
 
 
-def likely_unit(session: Measurements, tips: FloatArray) -> str | None:
+def remedy_of_unit(session: Measurements, tips: FloatArray) -> str:
+    """What to do where the points are likely in another unit than mm, by nominal tips (n, 3) [mm]; else empty."""
+    if (unit := _likely_unit(session, tips)) is None:
+        return ""
+    option = "in" if unit == "inch" else unit
+    return f"the points may be in {unit}: convert them to mm, or state it (truearm import --point-unit {option})"
+
+
+def _likely_unit(session: Measurements, tips: FloatArray) -> str | None:
     """The unit other than mm in which reference points would spread about as far as nominal tips (n, 3) [mm].
 
     None without three points, or if no unit explains the spread.

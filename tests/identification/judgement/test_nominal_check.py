@@ -98,9 +98,12 @@ def test_a_mistake_is_refused_at_every_door(session):
             ta.fit(ARM, wrong, model=model)
 
 
-@pytest.mark.parametrize(("unit", "mm"), [("m", 1e3), ("cm", 10.0), ("inch", 25.4), ("um", 1e-3)])
-def test_another_unit_of_the_points_is_named(session, unit, mm):
-    with pytest.raises(InputError, match=f"the points may be in {unit}: convert"):
+@pytest.mark.parametrize(
+    ("unit", "mm", "option"), [("m", 1e3, "m"), ("cm", 10.0, "cm"), ("inch", 25.4, "in"), ("um", 1e-3, "um")]
+)
+def test_another_unit_of_the_points_is_named(session, unit, mm, option):
+    said = rf"the points may be in {unit}: convert them to mm, or state it \(truearm import --point-unit {option}\)"
+    with pytest.raises(InputError, match=said):
         NominalModel(ARM).fit(session.angles, session.points / mm)
 
 

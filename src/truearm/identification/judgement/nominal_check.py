@@ -52,7 +52,7 @@ from truearm.identification.references.reading_references import without_sizes
 from truearm.identification.references.reference_table import ReferenceTable
 from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Term
-from truearm.readings.checks import likely_unit
+from truearm.readings.checks import remedy_of_unit
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Measurements
 from truearm.solve.threads import one_blas_thread
@@ -447,7 +447,7 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements, ti
     why, remedy = "", None if check.description is None else check.description.remedy(readings.file)
     if check.identified is not None:
         why = f"; with its constants identified {check.left} remain, and the largest is {check.identified.largest}"
-    unit = likely_unit(readings, tips)
+    of_unit = remedy_of_unit(readings, tips)
     still = [f"J{joint + 1}" for joint in np.flatnonzero(np.ptp(readings.angles, axis=0) == 0).tolist()]
     readings.contradict(
         f"the nominal arm {arm.name!r} misses its references by {check.error_mm:.4g} mm at one reading of four, where "
@@ -455,7 +455,7 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements, ti
         "wrongly",
         hint=(f"{remedy}; or " if remedy else "")
         + (f"{' and '.join(still)} did not move by the readings: check that column; or " if still else "")
-        + (f"the points may be in {unit}: convert them to mm; or " if unit else "")
+        + (f"{of_unit}; or " if of_unit else "")
         + "check the arm, the units, signs, order and zeros of the angles, the unit of the points, and --free; if the "
         f"arm is as inaccurate as that, add the line nominal_error_mm = {check.error_mm:.2g} to its arm file, above "
         "the first table; of an arm in the catalogue, truearm arms NAME --out my-arm.toml writes a file to change",

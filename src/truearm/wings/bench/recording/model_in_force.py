@@ -214,7 +214,10 @@ class ModelInForce:
 
     def __init__(self, arm: Arm | None, model: Compensator | None, readings: Path, out: Path | None) -> None:
         if out is not None:
-            check_model_output(out, arm, readings, force=False)
+            try:
+                check_model_output(out, arm, readings, force=False)
+            except InputError as error:
+                raise error.with_hint("another name for the model") from None
         self._arm, self.model, self._readings, self._out = arm, model, readings, out
         self.trained_on = 0 if model is None else _n_known(model, readings)
         self._fit: FitProcess | None = None
