@@ -25,7 +25,7 @@ from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.verbs.record import TextTable
 from truearm.wings.gao2017.claim_figures import (
-    FILE,
+    EXPERIMENT_BOX_FILE,
     BoxRun,
     ExperimentBoxStudy,
     experiment_box_figure,
@@ -133,7 +133,7 @@ def run_in(half_width_deg: float, method: Method, *, seed: int, folder: Path, mo
 
 def write(runs: list[BoxRun]) -> None:
     """Keep the numbers with the program beside those of other boxes and seeds, and draw the figure of the guide."""
-    kept = {key(run): run for run in load_experiment_box().runs} if FILE.exists() else {}
+    kept = {key(run): run for run in load_experiment_box().runs} if EXPERIMENT_BOX_FILE.exists() else {}
     runs = [run for _, run in sorted((kept | {key(run): run for run in runs}).items())]
     about = machine()
     how = (
@@ -141,7 +141,7 @@ def write(runs: list[BoxRun]) -> None:
         f"cores, Python {about['python']}, NumPy {about['numpy']}; CPU seconds"
     )
     lines = ",\n".join(f"  {json.dumps(asdict(run))}" for run in runs)
-    FILE.write_text(f'{{\n "how": {json.dumps(how)},\n "runs": [\n{lines}\n ]\n}}\n', encoding="utf-8")
+    EXPERIMENT_BOX_FILE.write_text(f'{{\n "how": {json.dumps(how)},\n "runs": [\n{lines}\n ]\n}}\n', encoding="utf-8")
     study = ExperimentBoxStudy(how, tuple(runs))
     experiment_box_figure(study, chosen=EXPERIMENT.half_width_deg).save(PICTURE)
 

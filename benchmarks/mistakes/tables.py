@@ -74,7 +74,7 @@ def _with_controllers(instrument: str) -> str:
     return imported(of_instrument, joints("measured_q{}"), own, options=options)
 
 
-@mistake("points of a marker beside what the controller calls measured", said="marker_x.* and measured_x.*--point")
+@mistake("points of a marker beside what the controller calls measured", said=r"marker_x.* and measured_x.*--point \S")
 def marker_and_measured() -> str:
     return _with_controllers("marker")
 

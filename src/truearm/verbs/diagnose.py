@@ -102,7 +102,7 @@ class Diagnosis(TableRecord):
     n_given: int
 
     def mended_arm(self) -> Arm:
-        """The arm without the mistake that was found. `truearm.write_arm` writes it.
+        """The arm without the mistake that was found. `truearm.arm.write_arm` writes it.
 
         Raises
         ------

@@ -334,7 +334,7 @@ class FitResult(Record):
         """The nominal arm with the joint zeros that were identified; all else is nominal.
 
         The zero of the first joint and of the last stay, as far as no reading tells them from the place of a free base
-        and tip. `truearm.write_arm` writes it.
+        and tip. `truearm.arm.write_arm` writes it.
 
         Raises
         ------

@@ -81,6 +81,7 @@ ConditionsOption = Annotated[
     ),
 ]
 ConventionOption = Annotated[Convention, Option(help="Table of constants: Denavit-Hartenberg or modified.")]
+ArtefactTemperature = Annotated[float | None, Option(help="Temperature of the artefacts [degC].")]
 Date = Annotated[str | None, Option(help="Day, 2026-11-03; also with the time, 2026-11-03T08:30; now by default.")]
 FreeOption = Annotated[
     str,  # of which the parser makes the parts

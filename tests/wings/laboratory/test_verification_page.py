@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from truearm.pages.palette import BAD
 from truearm.wings.laboratory.pages.limits_figure import limits_figure
 from truearm.wings.laboratory.pages.verification_page import verification_page, where_figure, where_scene
 from truearm.wings.laboratory.standards.artefacts import Artefacts
+from truearm.wings.laboratory.standards.coordinate_origin import CoordinateOrigin
 from truearm.wings.laboratory.standards.decision import (
     DECISION_RULES,
     Budget,
@@ -243,6 +245,15 @@ def test_by_a_plan_that_nobody_confirmed_nothing_conforms_and_nothing_is_green()
     assert "uni.positions" not in page.sections[0].text
     figure = limits_figure(rows, rule="iso14253-1:2013", decides=False)
     assert figure.alt.endswith("20\u202f%, within limit; E_Uni, 150, position 1 140\u202f%, outside limit.")
+
+
+@pytest.mark.parametrize("plan", [None, RECALLED])
+def test_simulated_points_are_said_to_be_no_measurement(plan):
+    found = outcome([row(0.01)], plan=plan)
+    simulated = replace(found, measured=replace(found.measured, origin=CoordinateOrigin("virtual arm")))
+    text = verification_page(simulated).sections[0].text
+    assert "The points are simulated: no arm was measured." in text
+    assert "(listed under" not in text
 
 
 # Figure --------------------------------------------------------------------------------------------------------------

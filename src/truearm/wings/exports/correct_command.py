@@ -48,7 +48,7 @@ def correct(
     """Correct the joint targets of a robot program.
 
     The arm then goes where the program says. --as writes the targets in a robot language instead of a table. Targets
-    outside the trained range are refused, or corrected and flagged: --outside.
+    outside the trained range are refused, or corrected and flagged: --untrained accept.
 
     Columns of the table, as in docs/correct.md: joints q1_deg .. (or q1_rad; q1_mm for a sliding joint); for poses also
     x_mm, y_mm, z_mm with qw .. qz, rx_deg .. rz_deg (rotation vector), roll_deg, pitch_deg, yaw_deg or r11 .. r33. The

@@ -55,7 +55,7 @@ def export(
     out : str or Path
         File to write, whole or not at all.
     format : str, optional
-        One of `truearm.choices.ExportFormat`; by default that of the file's suffix.
+        One of `truearm.wings.exports.formats.ExportFormat`; by default that of the file's suffix.
     region : Session, DataFrame, str or Path, optional
         Joint angles at which a file of constants must be good, the poses of your task; by default a sample of the
         training readings.

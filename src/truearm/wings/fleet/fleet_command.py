@@ -189,7 +189,8 @@ def check(
             date=date,
             accept=accept,
         ),
-        *(file, page),
+        file,
+        page,
         as_json=as_json,
     )
 

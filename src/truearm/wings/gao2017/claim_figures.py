@@ -33,7 +33,7 @@ from truearm.wings.gao2017.results import GOAL_MET, METHODS, BoxStudy, LearningR
 from truearm.wings.gao2017.table_figure import PAPER_STYLE, STYLES
 from truearm.wings.gao2017.tables import FINAL_TEST, TABLES
 
-FILE = Path(__file__).with_name("experiment_box.json")
+EXPERIMENT_BOX_FILE = Path(__file__).with_name("experiment_box.json")
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class ExperimentBoxStudy:
 @cache
 def load_experiment_box() -> ExperimentBoxStudy:
     """The study that is kept with the program."""
-    kept = json.loads(FILE.read_text(encoding="utf-8"))
+    kept = json.loads(EXPERIMENT_BOX_FILE.read_text(encoding="utf-8"))
     runs = tuple(BoxRun(**run) for run in kept["runs"])
     assert all(run.method in METHODS for run in runs)  # written by the benchmark
     return ExperimentBoxStudy(kept["how"], runs)

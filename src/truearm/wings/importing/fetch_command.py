@@ -19,8 +19,8 @@ def fetch(
 ) -> None:
     """Get the published readings of a real arm.
 
-    Without a name, the sets are listed. They are downloaded once, checked against the published files, and written as
-    a session file. Where lengths between its seats are known, they are written beside it, to OUT-lengths.csv.
+    The readings are downloaded once, checked against the published files, and written as a session file. Where lengths
+    between its seats are known, they are written beside it, to OUT-lengths.csv. Without a name, the sets are listed.
     """
     from truearm.readings import check_session_path
     from truearm.verbs.record import TextTable

@@ -84,7 +84,7 @@ def import_table(
         Option(metavar="NAME", help="Sheet of a workbook, variable of an archive, topic of a log; one for each table."),
     ] = None,
     date: options.Date = None,
-    artefact_temperature: Annotated[float | None, Option(help="Temperature of the artefacts [degC].")] = None,
+    artefact_temperature: options.ArtefactTemperature = None,
     force: options.Force = False,
     as_json: options.Json = False,
     **given: Any,

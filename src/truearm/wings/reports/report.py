@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,7 +48,7 @@ from truearm.wings.reports.identification_sections import identification_section
 from truearm.wings.reports.seat_page import SeatComparison, seats_page, seats_sentence
 
 # Rotations of an arm are stated in degrees; their changes are thousandths of one.
-DEG = 57.29577951308232
+DEG = math.degrees(1)
 SIGNIFICANT = 2.0  # standard uncertainties of a change
 MOST_SHOWN = 8
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from truearm.errors import InputError
-from truearm.wings.laboratory.shapes.minimum_zone import MAX_POINTS, circumscribed_sphere
+from truearm.wings.laboratory.shapes.minimum_zone import MAX_SPHERE_POINTS, circumscribed_sphere
 
 REAL = np.longdouble
 
@@ -153,7 +153,7 @@ def test_hand_made_cases():
     ("points", "phrase"),
     [
         (np.zeros((0, 3)), "got 0"),
-        (np.zeros((MAX_POINTS + 1, 3)), f"got {MAX_POINTS + 1}"),
+        (np.zeros((MAX_SPHERE_POINTS + 1, 3)), f"got {MAX_SPHERE_POINTS + 1}"),
         (np.zeros((4, 2)), "got shape"),
         ([[0, 0, np.inf]], "finite"),
     ],

@@ -242,9 +242,9 @@ def _decision(verification: Verification) -> Section:
     remarks = [remark for remark in verification.remarks if CHECK_STANDARD not in remark]
     origin = verification.measured.origin.describe()
     decision = describe_decision(verification)
-    if verification.gap is not None:  # the entries themselves stand in a table
-        _, _, entries = verification.gap.partition(": ")
-        decision = decision.replace(f": {entries}.", f" (listed under {SOURCES!r}).") if entries else decision
+    # The entries that are not confirmed stand in a table.
+    if missing := ", ".join(one.key for one in verification.plan.unconfirmed(verification.measured.tests)):
+        decision = decision.replace(f": {missing}.", f" (listed under {SOURCES!r}).")
     paragraphs = [decision, re.sub(_SHA256, "", origin), *(f"{capitalize(remark)}." for remark in remarks)]
     rule = describe_rule(verification.rule, confirmed=verification.gap is None)
     text = "\n\n".join([*paragraphs, f"{sources}.", rule])

@@ -5,7 +5,7 @@ of linear programmes with the derivatives of the distances (G. A. Watson, "Appro
 Wiley 1980, recalled; C. M. Shakarji, A. Clement, "Reference algorithms for Chebyshev and one-sided data fitting for
 coordinate metrology", CIRP Ann. 53 (2004) 439, recalled). Form deviations of drawings mean this zone.
 
-The minimum circumscribed sphere of points.
+The smallest sphere around points, `circumscribed_sphere`, is exact and needs no search.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from truearm.wings.laboratory.shapes.sphere import SPHERE, fit_sphere
 from truearm.wings.laboratory.shapes.starts import frame_of
 
 # The work grows with the fourth power of the number: 30 points are 32,000 spheres.
-MAX_POINTS = 30
+MAX_SPHERE_POINTS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def circumscribed_sphere(points: npt.ArrayLike) -> CircumscribedSphere:
     Parameters
     ----------
     points : (n, 3) array
-        1 to `MAX_POINTS`, anywhere [mm].
+        1 to `MAX_SPHERE_POINTS`, anywhere [mm].
 
     Raises
     ------
@@ -75,8 +75,8 @@ def circumscribed_sphere(points: npt.ArrayLike) -> CircumscribedSphere:
     given = np.asarray(points, dtype=float)
     if given.ndim != 2 or given.shape[1] != 3 or not np.isfinite(given).all():
         raise InputError(f"expected finite points as an array (n, 3), got shape {given.shape}")
-    if not 1 <= len(given) <= MAX_POINTS:
-        raise InputError(f"expected 1 to {MAX_POINTS} points for a circumscribed sphere, got {len(given)}")
+    if not 1 <= len(given) <= MAX_SPHERE_POINTS:
+        raise InputError(f"expected 1 to {MAX_SPHERE_POINTS} points for a circumscribed sphere, got {len(given)}")
     centres, radii = _spheres(given[None])
     return CircumscribedSphere(centres[0], float(radii[0]))
 

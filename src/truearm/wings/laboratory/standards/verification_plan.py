@@ -445,7 +445,7 @@ class VerificationPlan(Document):
         rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}, optional
             The rule of the decision; by default that of the plan.
         """
-        missing = [one.key for one in self.entries(tests) if not is_confirmed(one)]
+        missing = [one.key for one in self.unconfirmed(tests)]
         if missing:
             entries = "entry is" if len(missing) == 1 else "entries are"
             return (

@@ -28,7 +28,6 @@ Trusted = Annotated[
     Path | None, Option("--trusted", help="Certificates that you trust, of the signer or of who issued theirs, .pem.")
 ]
 PointsToFill = Annotated[Path, Option(help="Points to measure to fill in (truearm verify sheet), .csv.")]
-ArtefactTemperature = Annotated[float | None, Option(help="Temperature of the artefacts [degC].")]
 TipDiameter = Annotated[float | None, Option(min=0, help="With --out: diameter of the stylus tip [mm].")]
 
 verify = typer.Typer(cls=Group, rich_markup_mode=None, invoke_without_command=True)
@@ -140,7 +139,7 @@ def fill(
     session: options.SessionFile,
     into: PointsToFill,
     date: options.Date = None,
-    artefact_temperature: ArtefactTemperature = None,
+    artefact_temperature: options.ArtefactTemperature = None,
     as_json: options.Json = False,
     **given: Any,
 ) -> None:

@@ -1,4 +1,4 @@
-"""A plan read back: the joint angles to aim at, their order, and what the tip touches there."""
+"""Poses in the order of measurement: of a box, of the whole ranges, or of a plan that is read back."""
 
 from __future__ import annotations
 
