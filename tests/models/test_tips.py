@@ -10,6 +10,7 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.identification.estimation.tip_offsets import tip_offsets, what_tips_show
+from truearm.identification.references.tips import check_tips
 from truearm.identification.terms import OfTip
 from truearm.models import KinematicModel, NetworkModel, NominalModel
 from truearm.models.model_file import load_model
@@ -94,6 +95,19 @@ def test_a_model_of_several_tips_predicts_no_unnamed_or_unknown_tip(real, model)
         model.predict_readings(Session(angles, tip=["N1", "N4"]))
     assert error.value.column == "tip"
     assert "reading 2" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("tips", "said"),
+    [
+        (("T{x}", "{}"), "expected a tip of the model (T{x}, {}), got '{0}'"),
+        ((), "expected one tip, as the model has, got '{0}' beside 'T{x}'"),
+    ],
+)
+def test_a_tip_whose_name_has_braces_is_named_as_it_is(tips, said):
+    with pytest.raises(InputError) as error:
+        check_tips(tips, Session(np.zeros((3, 6)), tip=["T{x}", "T{x}", "{0}"]))
+    assert str(error.value).startswith(f"reading 3, column 'tip': {said}. Try: ")
 
 
 def test_readings_checked_by_another_model_are_checked_again(model, nests):

@@ -89,7 +89,7 @@ def test_a_file_in_other_units_is_named(folder_with_radians, tmp_path):
         assert str(accepted.model.accepted_[0]) in accepted.remarks
     model = ta.fit("ur10", folder_with_radians / "1.csv", model="nominal").model
     evaluation = ta.evaluate(model, folder_with_radians)
-    assert "40 of them are in 0.csv: it may be in other units" in str(evaluation)
+    assert "40 of 40 outliers are in 0.csv: it may be in other units" in str(evaluation)
     assert list(evaluation.to_dict()["outliers_of_file"].values()) == [40]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -172,3 +173,32 @@ def test_a_regressor_is_told_that_it_is_evaluated_on_one_file(session, tmp_path)
 
     with pytest.raises(InputError, match="a regressor is evaluated on one file, got a folder"):
         ta.evaluate(Constant(), saved(tmp_path / "set", session))
+
+
+def test_files_of_two_arms_are_refused_as_one_file_of_both_is(session, model, tmp_path):
+    """Of a model that states no serial number; nothing is written."""
+    named = [replace(session.rows(np.arange(n, n + 60)), serial_number=np.full(60, f"arm {n}")) for n in (120, 180)]
+    bare = replace(session.rows(np.arange(120)), serial_number=None)
+    anonymous = ta.fit("ur10", bare, model="nominal").model
+    assert anonymous.arm_.serial_number == ""
+    folder, out = saved(tmp_path / "two", *named), tmp_path / "points.csv"
+    evaluate, predict = partial(ta.evaluate, anonymous, folder), partial(ta.predict, anonymous, folder, out)
+    for verb in (evaluate, predict):
+        with pytest.raises(
+            InputError, match="expected readings of one arm, got serial numbers 'arm 120' and 'arm 180'"
+        ):
+            verb()
+        assert not out.exists()
+        assert len(verb(accept=WHY).findings) > 0
+    one = ta.predict(anonymous, saved(tmp_path / "one", named[0]), tmp_path / "one.csv")
+    assert one.serial_number == "arm 120"
+
+
+def test_points_in_another_unit_are_doubted_in_a_folder_too(session, model, tmp_path):
+    small = replace(session, points=session.points / 1e3).rows(np.arange(120, 240))
+    folder = saved(tmp_path / "small", small)
+    said = "The nominal arm misses these points by"
+    assert [one[:70] for one in ta.evaluate(model, folder).remarks if said in one] == [
+        one[:70] for one in ta.evaluate(model, small).remarks if said in one
+    ]
+    assert said in str(ta.evaluate(model, folder))

@@ -370,8 +370,8 @@ class Compensator(Regressor, ABC):
         """Corrected coordinates at the readings of a session, with its temperatures, loads and directions of movement.
 
         Readings of a session that the model was trained on (`session_frames_`) are predicted in its frame, all others
-        in that of the first. `predict` uses the mean temperature and loads of the training, and the middle between the
-        two directions of movement.
+        in that of the first. `predict` of bare angles uses the mean temperature and loads of the training, and the
+        middle between the two directions of movement.
         """
         at = self.checked(readings)
         points = points_to_session_frames(self._tips(at.state), at.session.session, self.session_frames_)

@@ -1,6 +1,6 @@
 """Model selection: the simplest model whose error on readings held out is within a standard error of the least.
 
-Of few positions or seats it is the best one (`paired_comparison.selected`).
+Of few positions or seats it is the best one (`held_out_errors.selected`).
 
 Models are compared in pairs on the same readings, all of them: an error that all share, such as a far-out pose, a seat
 that is hard to predict or a gross error, cancels in the difference, which is at most the distance between the two

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from truearm.acceptance import contradict
+from truearm.errors import InputError
 from truearm.readings.columns import ANGLE
 from truearm.readings.lengths import ENDS, Lengths
 from truearm.readings.readings import TOUCHED, Measurements
@@ -171,6 +174,26 @@ def serial_number_of(session: Session) -> str:
             row,
             column="serial_number",
             hint="one session file for each arm",
+        )
+    return first
+
+
+def serial_number_of_all(stated: Collection[str], file: Path) -> str:
+    """The serial number of the arm that all parts of a session were read from; empty if none states it.
+
+    Raises
+    ------
+    InputError
+        As `serial_number_of`.
+    """
+    first, *others = sorted(stated) or [""]
+    if others:
+        contradict(
+            InputError(
+                f"expected readings of one arm, got serial numbers {first!r} and {others[0]!r}",
+                file=file,
+                hint="one folder for each arm",
+            )
         )
     return first
 

@@ -85,7 +85,8 @@ class NamedRows:
         """Raise an `error` of the first row that is `bad`, (n,) or (n, k); `problem` shows what it has in `got`."""
         if bad.any():
             row = int(np.argwhere(bad)[0, 0])
-            said = problem.format(*(each[row] for each in got)) if got else problem
+            shown = (each[row].tolist() if isinstance(each, np.ndarray) else each[row] for each in got)
+            said = problem.format(*shown) if got else problem
             raise self.error(said, row, column=column, hint=hint)
 
     def contradict(
@@ -301,7 +302,7 @@ class Readings(NamedRows):
         self.refuse(np.isnan(self.point_std[:, 0]) == self.has_point, problem, what, hint=hint)
         problem = "standard uncertainties must be positive, got {} mm"
         hint = "leave the uncertainties out of the file if they are not known"
-        self.refuse(self.point_std <= 0, problem, self.point_std.tolist(), hint=hint)
+        self.refuse(self.point_std <= 0, problem, self.point_std, hint=hint)
 
     def _check_directions(self) -> None:
         if self.directions is None:

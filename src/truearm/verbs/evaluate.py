@@ -270,7 +270,7 @@ class Evaluation(TableRecord):
     def coverage(self) -> float | None:
         """Share of the reference points inside the 95 % ellipsoid that the model states for any day."""
         of = self._any_day
-        return None if of is None or not of.n_points else of.n_covered / of.n_points
+        return None if of is None or not of.n_points else of.coverage
 
     @property
     def coverage_99(self) -> float | None:

@@ -20,9 +20,10 @@ from truearm.models import Compensator
 from truearm.models.compensator import CheckedReadings
 from truearm.models.uncertainty import uncertainty_budget
 from truearm.readings import Session, check_reach
-from truearm.readings.checks import MAX_SKIPPED_SHARE
+from truearm.readings.checks import MAX_SKIPPED_SHARE, serial_number_of, serial_number_of_all
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
+from truearm.readings.point_errors import removed_percent
 from truearm.solve.sums import MAX_KEPT, Sums, different, joined
 from truearm.typing import IntArray
 from truearm.verbs.inputs import (
@@ -30,6 +31,7 @@ from truearm.verbs.inputs import (
     allowed_in_part,
     count_outside,
     fit_findings,
+    nominal_error_findings,
     payload_findings,
     skipped_training,
     training_findings,
@@ -132,9 +134,8 @@ class EvaluationSums(Sums):
     def errors(self) -> dict[str, dict[str, Any]]:
         """Errors of ``"nominal"`` and ``"model"`` as `compare_errors` gives them; the 95 % quantile to 0.1 %."""
         found: dict[str, dict[str, Any]] = {name: dict(sums.errors()) for name, sums in self.points.items()}
-        if "nominal" in found and (before := found["nominal"]["mean_abs_coordinate_mm"]) > 0:
-            own = found["model"]
-            own["removed_percent"] = 100 * (1 - own["mean_abs_coordinate_mm"] / before)
+        if "nominal" in found:
+            found["model"]["removed_percent"] = removed_percent(found["model"], found["nominal"])
         return found
 
     def effective_number(self) -> str:
@@ -150,13 +151,12 @@ class EvaluationSums(Sums):
             yield f"{without} of {self.n_read} readings have no reference point, or are beyond a joint limit."
         far = self.applies
         if far.n_outliers > MAX_OUTLIERS:
-            yield f"{far.n_outliers} outliers in all, of which the {MAX_OUTLIERS} largest are kept"
             file, n = max(far.outliers_of_file.items(), key=lambda one: one[1])
             # One file that has nearly all of them is another matter than single readings.
             if len(far.outliers_of_file) > 1 and n > NEARLY_ALL * far.n_outliers:
                 yield (
-                    f"{n} of them are in {file.name}: it may be in other units than the other files, or of another "
-                    "arm. Try: fit it alone"
+                    f"{n} of {far.n_outliers} outliers are in {file.name}: it may be in other units than the other "
+                    "files, of another arm, or of another set-up. Try: evaluate it alone"
                 )
 
     def to_json(self) -> dict[str, Any]:
@@ -184,6 +184,7 @@ class _PartSums(Sums):
     training: EvaluationSums
     findings: tuple[Finding, ...] = field(default=(), metadata=joined(different))
     overridden: tuple[str, ...] = field(default=(), metadata=joined(different))
+    serial_numbers: frozenset[str] = field(default=frozenset(), metadata=joined(or_))
 
 
 def sums_over_parts(
@@ -203,6 +204,7 @@ def sums_over_parts(
     work = partial(_of_part, model=model, limits=limits, accept=accept, n_session=len(large))
     every = reduce(add, large.sums([work] * len(large.parts)))
     accept_also(every.overridden)
+    serial_number_of_all(every.serial_numbers, large.path)
     if every.n_beyond > MAX_SKIPPED_SHARE * every.n_read:
         raise Contradiction(
             f"{every.n_beyond} of {every.n_read} readings are outside the limits of a joint",
@@ -218,11 +220,14 @@ def sums_over_parts(
             file=large.path,
             hint="a file of the readings in seats alone is evaluated as a small session",
         )
+    arm_errors = sums.points.get("nominal", sums.points["model"]).errors()
+    nominal_error = nominal_error_findings(model, arm_errors["mean_mm"]) if model.arm_.has_kinematics else ()
     outside = f"{count_outside(sums.outside, sums.n_outside, sums.n_points)}."
     found = (
         *findings_of("acceptance", acceptance_remarks(accept)),
         *shortened(every.findings, MAX_KEPT),
         *skipped_training(n_training, n_training + sums.n_points),
+        *nominal_error,
         *findings_of("trained range", [outside] if sums.n_outside else []),
         *shortened(sums.findings, MAX_KEPT),
         *fit_findings(model),
@@ -254,7 +259,9 @@ def _of_part(
             _evaluated(model, used.rows(of), given, allowed.rows[seen[of]], part.file, n_session)
             for of in (~is_known, is_known)
         )
-    return _PartSums(len(given), len(given) - len(allowed.rows), others, training, allowed.findings, overridden())
+    n_beyond, stated = len(given) - len(allowed.rows), serial_number_of(given)
+    stated_by = frozenset(filter(None, [stated]))
+    return _PartSums(len(given), n_beyond, others, training, allowed.findings, overridden(), stated_by)
 
 
 def _evaluated(

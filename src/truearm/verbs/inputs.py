@@ -625,6 +625,17 @@ def fit_findings(model: Compensator) -> tuple[Finding, ...]:
     return (*of_fit, Finding("base", said))
 
 
+def nominal_error_findings(model: Compensator, error_mm: float) -> tuple[Finding, ...]:
+    """A finding where the nominal arm misses points by so much that they are of another set-up, arm or unit."""
+    if error_mm <= MAX_NOMINAL_ERROR * model.arm.chain.reach:
+        return ()
+    said = (
+        f"The nominal arm misses these points by {error_mm:.0f} mm. If reference or base moved, transfer "
+        "the model to the new set-up (refit); otherwise check the session for another arm, unit, sign or zero."
+    )
+    return (Finding("nominal error", said, {"error_mm": error_mm}),)
+
+
 def evaluation_findings(at: CheckedReadings, nominal: FloatArray | None) -> Iterator[Finding]:
     """What a person must know of a model before the errors on these readings are believed.
 
@@ -637,15 +648,10 @@ def evaluation_findings(at: CheckedReadings, nominal: FloatArray | None) -> Iter
     model, session, _ = at
     training, slides = model.training_, model.arm_.chain.is_prismatic
     if session.points is not None and nominal is not None:
-        error = point_errors(nominal, session.points)["mean_mm"]
-        if error > MAX_NOMINAL_ERROR * model.arm.chain.reach:
-            said = (
-                f"The nominal arm misses these points by {error:.0f} mm. If reference or base moved, transfer "
-                "the model to the new set-up (refit); otherwise check the session for another arm, unit, sign or zero."
-            )
-            yield Finding("nominal error", said, {"error_mm": error})
-            if (explained := explain_readings(model.arm_, session)) is not None:
-                yield Finding("nominal error", f"{explained[0].upper()}{explained[1:]}.")
+        found = nominal_error_findings(model, point_errors(nominal, session.points)["mean_mm"])
+        yield from found
+        if found and (explained := explain_readings(model.arm_, session)) is not None:
+            yield Finding("nominal error", f"{explained[0].upper()}{explained[1:]}.")
     if inputs := training.outside(session, slides):
         yield Finding("trained range", f"{describe_outside(inputs, training, session)}.")
     yield from payload_findings(training, session)

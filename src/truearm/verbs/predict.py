@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import or_
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -30,7 +31,7 @@ from truearm.models.arm_check import with_read_angles
 from truearm.models.identified_model import ROUNDED
 from truearm.models.training_conditions import TOGETHER
 from truearm.readings import Session
-from truearm.readings.checks import serial_number_of
+from truearm.readings.checks import serial_number_of, serial_number_of_all
 from truearm.readings.files import is_large, open_parquet
 from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.solve.quantile_sketch import QuantileSketch
@@ -135,9 +136,10 @@ def predict(
                 for table in of_part.tables:
                     append(table)
                 sums = sums + replace(of_part, tables=())
+            stated = serial_number_of_all(sums.serial_numbers, large.path)
         accept_also(sums.overridden)
         sums = replace(sums, findings=shortened(sums.findings, MAX_KEPT))
-        of_arm = accepted(known.accepted_), known.arm_.serial_number
+        of_arm = accepted(known.accepted_), known.arm_.serial_number or stated
         found = Prediction(known, None, sums, len(large.parts), *of_arm, conditions, known.kind)
     else:
         found = _predicted(*to_model_and_session(model, session), conditions)
@@ -180,6 +182,7 @@ def _predicted(known: Compensator, readings: Session, conditions: Conditions) ->
         n_in_unknown_session=_n_in_unknown_session(model, readings),
         findings=(*found, *fit_findings(model)),
         overridden=overridden(),
+        serial_numbers=frozenset(filter(None, [serial_number])),
         u=QuantileSketch.of(one.u_mm.ravel()),
         u_outside=QuantileSketch.of(one.u_mm[one.outside_training].ravel()),
     )
@@ -251,6 +254,8 @@ class PredictionSums(Sums):
         Of many parts the first six different ones of each thing, and the number of the others.
     overridden : tuple of str
         Contradictions that were accepted.
+    serial_numbers : frozenset of str
+        Of the arms, as the model or else the readings state them.
     u, u_outside : QuantileSketch
         Standard uncertainties of the coordinates, and of those outside the trained range [mm].
     tables : tuple of dict
@@ -265,6 +270,7 @@ class PredictionSums(Sums):
     n_in_unknown_session: int = 0
     findings: tuple[Finding, ...] = field(default=(), metadata=joined(different))
     overridden: tuple[str, ...] = field(default=(), metadata=joined(different))
+    serial_numbers: frozenset[str] = field(default=frozenset(), metadata=joined(or_))
     u: QuantileSketch = field(default_factory=QuantileSketch)
     u_outside: QuantileSketch = field(default_factory=QuantileSketch)
     tables: tuple[Columns, ...] = ()

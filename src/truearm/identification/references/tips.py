@@ -72,11 +72,11 @@ def check_tips(tips: tuple[str, ...], readings: Session) -> None:
         return
     known = tips or tip_names(readings)[:1]  # a model without a name has one tip
     unknown = ~np.isin(readings.tip, known)
-    problem = f"expected a tip of the model ({listed_tips(tips)}), got {{!r}}"
+    problem, beside = "expected a tip of the model ({1}), got {0!r}", listed_tips(tips)
     if not tips:
-        problem = "expected one tip, as the model has, got {!r} beside {!r}"
+        problem, beside = "expected one tip, as the model has, got {0!r} beside {1!r}", known[0]
     hint = "correct the name; for a new tip fit again, or refit the model of one tip with --free tip"
-    readings.refuse(unknown, problem, readings.tip.tolist(), [known[0]] * len(unknown), column="tip", hint=hint)
+    readings.refuse(unknown, problem, readings.tip, np.broadcast_to(beside, len(unknown)), column="tip", hint=hint)
 
 
 def listed_tips(tips: tuple[str, ...]) -> str:
