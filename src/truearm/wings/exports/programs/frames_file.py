@@ -1,0 +1,104 @@
+"""Tools and work frames of a program that are not in it: a TOML file that a person writes from the controller."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from truearm.errors import InputError
+from truearm.files.toml_documents import Document, Name, Real
+from truearm.typing import FloatArray
+
+Three = tuple[Real, Real, Real]
+_QUATERNION_ROUNDED = 1e-3
+
+
+class Frame(Document):
+    """A position and at most one orientation, as the pendant shows it.
+
+    Attributes
+    ----------
+    xyz_mm : tuple of 3 floats
+    quaternion : tuple of 4 floats, optional
+        q1 .. q4 of RAPID, scalar first.
+    abc_deg : tuple of 3 floats, optional
+        A, B, C of KUKA: Rz(A) Ry(B) Rx(C).
+    wpr_deg : tuple of 3 floats, optional
+        W, P, R of Fanuc, Rx, Ry, Rz of Yaskawa: Rz(R) Ry(P) Rx(W).
+    rotation_vector_rad : tuple of 3 floats, optional
+        rx, ry, rz of Universal Robots.
+    """
+
+    xyz_mm: Three
+    quaternion: tuple[Real, Real, Real, Real] | None = None
+    abc_deg: Three | None = None
+    wpr_deg: Three | None = None
+    rotation_vector_rad: Three | None = None
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Self:
+        stated = [self.quaternion, self.abc_deg, self.wpr_deg, self.rotation_vector_rad]
+        if sum(one is not None for one in stated) > 1:
+            raise InputError("a frame states its orientation once", hint="keep one of the keys")
+        if self.quaternion is not None and abs(np.linalg.norm(self.quaternion) - 1) > _QUATERNION_ROUNDED:
+            raise InputError(f"expected a quaternion of length 1, got {np.linalg.norm(self.quaternion):.6g}")
+        return self
+
+    @property
+    def T(self) -> FloatArray:
+        """(4, 4) rigid motion, translation in mm."""
+        motion = np.eye(4)
+        motion[:3, 3] = self.xyz_mm
+        if self.quaternion is not None:
+            motion[:3, :3] = Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix()
+        elif self.rotation_vector_rad is not None:
+            motion[:3, :3] = Rotation.from_rotvec(self.rotation_vector_rad).as_matrix()
+        elif self.abc_deg is not None or self.wpr_deg is not None:
+            wpr = self.wpr_deg or (self.abc_deg or ())[::-1]
+            motion[:3, :3] = Rotation.from_euler("xyz", wpr, degrees=True).as_matrix()
+        return motion
+
+
+Frames = Annotated[dict[Name, Frame], Field(max_length=1000)]
+
+
+class FramesFile(Document):
+    """The file of ``--frames``.
+
+    Attributes
+    ----------
+    tools : dict of str to Frame
+        Tool in the flange, by the name or number that the program has.
+    works : dict of str to Frame
+        Work object, base or user frame, in the world frame of the controller.
+    base : Frame
+        The arm's base in the world frame; the same by default.
+    tool, work : str, optional
+        Those of targets that name none.
+    pulses_per_deg : tuple of float, optional
+        Of a Yaskawa controller, with their signs, S to T.
+    """
+
+    tools: Frames = Field(default_factory=dict)
+    works: Frames = Field(default_factory=dict)
+    base: Frame = Frame(xyz_mm=(0.0, 0.0, 0.0))
+    tool: Name | None = None
+    work: Name | None = None
+    pulses_per_deg: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)] | None = None
+
+    def tool_of(self, name: str | None) -> FloatArray | None:
+        """(4, 4) tool in the flange, or None where it is not stated."""
+        stated = self.tools.get(name or self.tool or "")
+        return None if stated is None else stated.T
+
+    def work_of(self, name: str | None) -> FloatArray | None:
+        """(4, 4) work frame in the arm's base, or None where it is not stated."""
+        stated = self.works.get(name or self.work or "")
+        return None if stated is None else self.in_base(stated.T)
+
+    def in_base(self, T_world: FloatArray) -> FloatArray:
+        """A frame of the world in the arm's base."""
+        return np.asarray(np.linalg.inv(self.base.T) @ T_world)

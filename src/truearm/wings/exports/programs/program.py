@@ -1,0 +1,261 @@
+"""A robot program as bytes: its targets, what is not changed and why, and what a language of a maker must state.
+
+A program is never decoded and written again. A reader finds the bytes of each literal number of a target; a correction
+replaces those bytes, and every other byte stays.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from truearm.arm import Chain
+from truearm.errors import InputError
+from truearm.typing import FloatArray
+from truearm.wings.exports.programs.frames_file import FramesFile
+
+MoveKind = Literal["joint", "linear", "circular"]
+
+
+class Number(NamedTuple):
+    """A literal number: its bytes in the program, and its value in the unit of the language."""
+
+    start: int
+    end: int
+    text: bytes
+
+    @property
+    def value(self) -> float:
+        """What the bytes state."""
+        return float(self.text)
+
+
+class Edit(NamedTuple):
+    """Bytes of a program to be replaced; ``start == end`` inserts."""
+
+    start: int
+    end: int
+    text: bytes
+
+
+class Condition(NamedTuple):
+    """One statement of a configuration: a quantity of the nominal joints lies between two values.
+
+    Attributes
+    ----------
+    quantity : str
+        ``"J1"`` .. ``"J6"``: the joint as the controller prints it [deg]. ``"shoulder"``: how far the wrist centre is
+        in front of axis 1 [mm]. ``"elbow"``: how far it is in front of the line from axis 2 to axis 3 [mm]. See
+        `truearm.wings.exports.programs.configurations`.
+    low, high : float
+    """
+
+    quantity: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A target whose numbers are all literal.
+
+    Attributes
+    ----------
+    name : str
+        For messages: the name in the program, or ``"MoveL in line 12"``.
+    line : int
+        From 1.
+    numbers : mapping of str to Number
+        The numbers that may change, by the names that the language's `Language.values` uses. No external axes.
+    joints : (6,) array, optional
+        Of a joint target: as the controller counts them [rad].
+    pose : (4, 4) array, optional
+        Of a Cartesian target: the tool in the work frame, translation in mm.
+    T_flange_tool, T_base_work : (4, 4) array, optional
+        Frames of the target, translations in mm; `T_base_work` is in the arm's base. A Cartesian target has both; what
+        is not known belongs into `Program.left`. A joint target without a tool is corrected at the model's tip.
+    conditions : tuple of Condition
+        The configuration as far as it is stated.
+    near : (6,) array, optional
+        Joints whose configuration and turns the target has, as the controller counts them [rad].
+    """
+
+    name: str
+    line: int
+    numbers: Mapping[str, Number]
+    joints: FloatArray | None = None
+    pose: FloatArray | None = None
+    T_flange_tool: FloatArray | None = None
+    T_base_work: FloatArray | None = None
+    conditions: tuple[Condition, ...] = ()
+    near: FloatArray | None = None
+
+
+class LeftAlone(NamedTuple):
+    """A target or motion that is not changed, and why; `name` is that of a `Target`, or the text of the motion."""
+
+    line: int
+    name: str
+    reason: str
+
+
+class Move(NamedTuple):
+    """A motion to a target of the program, by its number in `Program.targets`; None: to another place."""
+
+    line: int
+    kind: MoveKind
+    target: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """What was found in a program.
+
+    Attributes
+    ----------
+    data : bytes
+        What the numbers' places count in; of a packed program the text within (`Language.unpacked`).
+    targets : tuple of Target
+    left : tuple of LeftAlone
+        Everything else that moves the arm or looks like a target.
+    moves : tuple of Move
+        Motions in the order of the text, as far as their order is that of the motion.
+    notes : tuple of str
+        What a person must know: assumptions, frames taught with the robot, points that others are computed from.
+    controller : Chain, optional
+        Kinematics that the program says its controller uses; the drawing of the model's arm by default.
+    """
+
+    data: bytes
+    targets: tuple[Target, ...]
+    left: tuple[LeftAlone, ...] = ()
+    moves: tuple[Move, ...] = ()
+    notes: tuple[str, ...] = ()
+    controller: Chain | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What is beside a program: its file, for files of the same backup, and the frames that a person states."""
+
+    file: Path | None = None
+    frames: FramesFile = field(default_factory=FramesFile)
+
+
+class Language(ABC):
+    """A language of robot programs.
+
+    Attributes
+    ----------
+    title : str
+        With its maker, for messages.
+    endings : tuple of str
+        Of its files, in lower case.
+    decimals : int or None
+        The most decimals that a number may have; None: as many as needed.
+    """
+
+    title: ClassVar[str]
+    endings: ClassVar[tuple[str, ...]]
+    decimals: ClassVar[int | None] = None
+
+    @abstractmethod
+    def recognises(self, data: bytes) -> bool:
+        """Whether a file is of this language, by its content."""
+
+    @abstractmethod
+    def read(self, data: bytes, beside: Surroundings) -> Program:
+        """Find all targets; `data` is unpacked.
+
+        Raises
+        ------
+        InputError
+            With the line, if the program is truncated, encoded, or of a kind that must not be changed.
+        """
+
+    @abstractmethod
+    def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
+        """New values of the target's numbers by their names, in the unit of the language.
+
+        Parameters
+        ----------
+        target : Target
+        joints : (6,) array
+            Corrected, as the controller counts them [rad].
+        pose : (4, 4) array or None
+            The corrected tool in the work frame, translation in mm; None where the target does not state both frames.
+        """
+
+    @abstractmethod
+    def mark(self, program: Program, words: str) -> Edit:
+        """A comment of at most 28 characters, which says that the program is corrected, as the language writes it."""
+
+    def configuration(self, target: Target, quantities: Mapping[str, float]) -> Iterable[Edit]:
+        """Edits of a configuration that the corrected joints have left; `quantities` are those of `Condition`.
+
+        Raises
+        ------
+        InputError
+            If the language cannot state the new one at this place: the target is then not changed.
+        """
+        del quantities
+        raise InputError(f"the corrected joints of {target.name} have another configuration")
+
+    def model_joints(self, chain: Chain, joints: FloatArray) -> FloatArray:
+        """Joints (n, 6) of the model from those of the controller [rad]."""
+        del chain
+        return joints
+
+    def controller_joints(self, chain: Chain, joints: FloatArray) -> FloatArray:
+        """Joints (n, 6) of the controller from those of the model [rad]."""
+        del chain
+        return joints
+
+    def number_text(self, number: Number, value: float, decimals: int) -> bytes:
+        """The bytes of a new value; by default those of a plain decimal number."""
+        del number
+        text = f"{value:.{decimals}f}"
+        return (text[1:] if text.startswith("-") and not text.strip("-0.") else text).encode("ascii")
+
+    def unpacked(self, data: bytes) -> bytes:
+        """The text of a program from the bytes of its file."""
+        return data
+
+    def packed(self, text: bytes) -> bytes:
+        """The bytes of a file from a program's text."""
+        return text
+
+
+def with_edits(data: bytes, edits: Sequence[Edit]) -> bytes:
+    """A program with some of its bytes replaced; edits must not overlap."""
+    parts, at = [], 0
+    for edit in sorted(edits):
+        if edit.start < at:
+            raise ValueError(f"edits overlap at byte {edit.start}")
+        parts += [data[at : edit.start], edit.text]
+        at = edit.end
+    return b"".join([*parts, data[at:]])
+
+
+def line_of(data: bytes, at: int) -> int:
+    """The line of a byte, from 1; a line ends with LF, CR LF, or CR alone."""
+    before = data[:at]
+    return 1 + before.count(b"\n") + before.count(b"\r") - before.count(b"\r\n")
+
+
+def line_end_of(data: bytes) -> bytes:
+    """The line end that a program uses first."""
+    first = min((at, end) for end in (b"\r\n", b"\n", b"\r") if (at := data.find(end)) >= 0 or end == b"\n")
+    return first[1]
+
+
+def transform(R: FloatArray, position_mm: Sequence[float]) -> FloatArray:
+    """(4, 4) rigid motion of a rotation and a translation [mm]."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, position_mm
+    return T
