@@ -1,0 +1,167 @@
+"""Corners of boards in images, and their table: reading, image, camera, board, corner, u_px, v_px."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.files.delimited import MAX_BYTES, check_names, quoted_cell, read_columns, write_columns
+from truearm.files.file_reading import check_readable
+from truearm.files.spreadsheet_forms import read_form
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
+from truearm.wings.camera.boards import whole_numbers
+from truearm.wings.camera.lenses import LARGEST_PX
+
+NUMBERS = ("reading", "corner", "u_px", "v_px")
+NAMES = ("image", "camera", "board")
+COLUMNS = ("reading", "image", "camera", "board", "corner", "u_px", "v_px")
+
+
+@dataclass(frozen=True, eq=False)
+class PixelObservations:
+    """Corners of boards as cameras saw them, a row each.
+
+    Attributes
+    ----------
+    reading : (n,) int array
+        Number of the reading in the session, counted from 1.
+    image : (n,) array of str
+        Name of the image; the rows of one image are of one reading and one camera.
+    camera : (n,) array of str
+    board : (n,) array of str
+        Name of the board, or its text (see `truearm.wings.camera.boards.parse_board`).
+    corner : (n,) int array
+    pixels : (n, 2) array
+        Column u to the right and row v down [px]; the centre of the first pixel is at (0, 0).
+    file : Path or None
+        Where they were read from, named in messages.
+
+    Raises
+    ------
+    InputError
+        If there is no row, a name is empty, a pixel is not finite or absurd, a corner stands twice in an image, or the
+        rows of one image are of several readings or cameras.
+    """
+
+    reading: IntArray
+    image: NameArray
+    camera: NameArray
+    board: NameArray
+    corner: IntArray
+    pixels: FloatArray
+    file: Path | None = None
+
+    def __post_init__(self) -> None:
+        for name, kind in (("reading", np.intp), ("corner", np.intp), *((name, np.str_) for name in NAMES)):
+            values = np.asarray(getattr(self, name), dtype=kind)
+            if values.shape != (len(self),):
+                raise InputError(f"expected one {name} for each of {len(self)} pixels, got shape {values.shape}")
+            object.__setattr__(self, name, values)
+        if np.shape(self.pixels) != (len(self), 2):
+            raise InputError(f"expected pixels (u, v), got an array of shape {np.shape(self.pixels)}")
+        if not len(self):
+            raise InputError("expected one or more corners, got none", file=self.file)
+        self._check()
+
+    def __len__(self) -> int:
+        return len(self.reading)
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """Names of the images, in the order of their first rows."""
+        return tuple(dict.fromkeys(self.image.tolist()))
+
+    def of_image(self, image: str) -> PixelObservations:
+        """The rows of one image."""
+        return self.rows(self.image == image)
+
+    def rows(self, chosen: BoolArray | IntArray) -> PixelObservations:
+        """Some of the rows."""
+        parts = (self.reading, self.image, self.camera, self.board, self.corner, self.pixels)
+        return PixelObservations(*(part[chosen] for part in parts), file=self.file)
+
+    @classmethod
+    def joined(cls, parts: Sequence[PixelObservations]) -> PixelObservations:
+        """The rows of several observations."""
+        fields = ("reading", "image", "camera", "board", "corner", "pixels")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+
+    def check_readings(self, n: int) -> None:
+        """Check that the rows are of `n` readings.
+
+        Raises
+        ------
+        InputError
+            If a number is beyond them.
+        """
+        self._refuse(self.reading > n, f"expected readings 1 to {n}, the rows of the joints table, got {{}}", "reading")
+
+    def save(self, path: str | Path) -> None:
+        """Write the table; the file appears whole or not at all."""
+        columns = {name: getattr(self, name) for name in ("reading", *NAMES, "corner")}
+        columns |= {name: np.round(self.pixels[:, k], 4) for k, name in enumerate(("u_px", "v_px"))}
+        with atomic_file(path, read=read_pixels) as part:
+            write_columns(part, columns)
+
+    def _check(self) -> None:
+        self._refuse(self.reading < 1, "expected the number of a reading, counted from 1, got {}", "reading")
+        for name in NAMES:
+            self._refuse(getattr(self, name) == "", f"expected the name of the {name}, got an empty cell", name)
+            # An image that was turned or cropped lies outside the sensor; farther than that it is no pixel.
+        for k, name in enumerate(("u_px", "v_px")):
+            values = self.pixels[:, k]
+            absurd = ~(np.abs(values) <= LARGEST_PX)
+            self._refuse(absurd, f"expected pixels from -{LARGEST_PX} to {LARGEST_PX}, got {{}}", name, values)
+        _, image = np.unique(self.image, return_inverse=True)
+        first = np.full(image.max() + 1, len(self))
+        np.minimum.at(first, image, np.arange(len(self)))
+        for name in ("reading", "camera"):
+            values = getattr(self, name)
+            others = values != values[first[image]]
+            self._refuse(others, f"expected one {name} an image, got a second one, {{}}", name, values)
+        keys = np.stack([image, np.unique(self.board, return_inverse=True)[1], self.corner])
+        _, once = np.unique(keys, axis=1, return_index=True)
+        twice = np.ones(len(self), bool)
+        twice[once] = False
+        self._refuse(twice, "corner {} stands twice in this image", "corner")
+
+    def _refuse(self, bad: BoolArray, problem: str, column: str, values: object = None) -> None:
+        """Raise an error for the first bad row, with its line if the rows are those of a file."""
+        if not bad.any():
+            return
+        row = int(np.argmax(bad))
+        got = np.asarray(getattr(self, column) if values is None else values)[row]
+        text = quoted_cell(str(got)) if isinstance(got, str) else f"{got:g}"
+        where = {"line": row + 2} if self.file is not None else {"row": f"row {row + 1}"}
+        raise InputError(problem.format(text), file=self.file, column=column, **where)  # type: ignore[arg-type]
+
+
+def read_pixels(path: str | Path) -> PixelObservations:
+    """Read a table of pixels, of `truearm corners` or of another detector.
+
+    Needed are reading, corner, u_px and v_px, and an image or a board where there are several: without the column
+    ``image`` each reading is one, without ``camera`` there is one, and without ``board`` there is one.
+
+    Raises
+    ------
+    InputError
+        If the file is no such table; with its line and column.
+    """
+    path = Path(path)
+    check_readable(path, limit_bytes=MAX_BYTES)
+    sheet = read_form(path)
+    check_names(sheet, NUMBERS, NAMES)
+    words = [name for name in NAMES if name in sheet.names]
+    places = [[sheet.names.index(name) for name in group] for group in (NUMBERS, words)]
+    numbers, texts = read_columns(sheet, places[0], places[1])
+    names = dict(zip(words, texts, strict=True))
+    reading = whole_numbers(numbers[:, 0], "reading", sheet.error)
+    corner = whole_numbers(numbers[:, 1], "corner", sheet.error)
+    image = names.get("image", np.char.add("reading ", reading.astype(np.str_)))
+    camera, board = (names.get(name, np.full(len(reading), name)) for name in ("camera", "board"))
+    return PixelObservations(reading, image, camera, board, corner, numbers[:, 2:], path)
