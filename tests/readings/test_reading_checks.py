@@ -254,6 +254,21 @@ def test_reference_points_in_another_unit_are_refused_with_that_unit(rng, unit, 
         check_scale(session, tips)
 
 
+def test_the_unit_shows_in_set_ups_that_are_far_apart(rng):
+    tips = rng.normal(scale=400.0, size=(60, 3))
+    set_up = np.repeat(["a", "b", "c"], 20)
+    apart = np.repeat([[0.0, 0.0, 0.0], [3e3, 0.0, 0.0], [0.0, 9e3, 0.0]], 20, axis=0)
+    angles = rng.uniform(-2, 2, (60, 6))
+    check_scale(Session(angles, tips + apart, session=set_up), tips)
+    with pytest.raises(InputError, match="may be in m:"):
+        check_scale(Session(angles, (tips + apart) / 1000, session=set_up), tips)
+
+
+def test_repeats_of_one_pose_do_not_say_a_unit(rng):
+    tips = 1e-3 * rng.normal(size=(12, 3))
+    check_scale(Session(rng.uniform(-2, 2, (12, 6)), 50 * tips), tips)
+
+
 def test_reference_points_that_spread_about_as_far_as_the_tips_pass(rng):
     tips = rng.normal(scale=400.0, size=(50, 3))
     for factor in (0.3, 1.0, 3.0):

@@ -389,7 +389,7 @@ def check_scale(session: Measurements, tips: FloatArray) -> None:
     Parameters
     ----------
     session : Session
-        Without three reference points there is nothing to check.
+        Without three reference points, or with all tips of a set-up within a millimetre, there is nothing to check.
     tips : (n, 3) array
         Tips of the nominal arm at the readings [mm].
 
@@ -398,11 +398,8 @@ def check_scale(session: Measurements, tips: FloatArray) -> None:
     InputError
         If the points spread `MAX_SCALE` times more or less than the tips, with the unit that would explain it.
     """
-    seen = session.has_point
-    if session.points is None or seen.sum() < 3 or session.session is not None:
-        return
-    spread, nominal = (float(np.sqrt(points[seen].var(axis=0).sum())) for points in (session.points, tips))
-    if nominal == 0 or spread == 0 or 1 / MAX_SCALE < spread / nominal < MAX_SCALE:
+    spread, nominal = _spreads(session, tips)
+    if nominal < 1 or spread == 0 or 1 / MAX_SCALE < spread / nominal < MAX_SCALE:  # repeats of one pose say nothing
         return
     session.contradict(
         f"the reference points spread over {spread:.3g} mm, the nominal tips of these readings over {nominal:.4g} mm",
@@ -423,15 +420,32 @@ def _likely_unit(session: Measurements, tips: FloatArray) -> str | None:
 
     None without three points, or if no unit explains the spread.
     """
-    seen = session.has_point
-    if session.points is None or seen.sum() < 3:
-        return None
-    spread, nominal = (float(np.sqrt(points[seen].var(axis=0).sum())) for points in (session.points, tips))
+    spread, nominal = _spreads(session, tips)
     if not (spread > 0 and nominal > 0):
         return None
     off = {unit: abs(np.log(factor * spread / nominal)) for unit, factor in UNITS_MM.items()}
     unit = min(off, key=off.__getitem__)
     return unit if off[unit] < min(np.log(2), abs(np.log(spread / nominal))) else None
+
+
+def _spreads(session: Measurements, tips: FloatArray) -> tuple[float, float]:
+    """How far reference points and nominal tips (n, 3) spread about their means in every set-up [mm].
+
+    0 and 0 without three points.
+    """
+    seen = session.has_point
+    if session.points is None or seen.sum() < 3:
+        return 0.0, 0.0
+    placed = np.zeros(int(seen.sum()), int)
+    if session.session is not None:
+        placed = np.unique(session.session[seen], return_inverse=True)[1]
+    counts = np.bincount(placed)[:, None]
+
+    def spread(points: FloatArray) -> float:
+        means = np.stack([np.bincount(placed, axis) for axis in points.T], axis=1) / counts
+        return float(np.sqrt(((points - means[placed]) ** 2).sum() / len(points)))
+
+    return spread(session.points[seen]), spread(tips[seen])
 
 
 def check_sessions(session: Session, lengths: Lengths | None = None, *, own_frame: bool = False) -> None:
