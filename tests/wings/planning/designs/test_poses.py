@@ -245,7 +245,7 @@ def with_a_slider():
         (lambda: box(limited(), 5, seed=0, half_width=0.0), "positive half-width"),
         (lambda: box(limited(), 5, seed=0, half_width=[1.0, 1.0, 1.0]), "positive half-width or 2"),
         (lambda: box(limited(), 5, seed=0, half_width=float("nan")), "positive half-width"),
-        (lambda: box(slider(), 5, seed=0), "prismatic joints"),
+        (lambda: box(slider(), 5, seed=0), "prismatic joint J1 of arm 'gantry' has no limits"),
         (lambda: uniform(slider(), 5, seed=0), "prismatic joint J1 of arm 'gantry' has no limits"),
         (lambda: measuring_poses(limited(), 5, seed=0), "need five joints; arm 'limited' has 2"),
         (lambda: measuring_poses(load_arm("gao2017"), 0, seed=0), "at least one"),

@@ -363,7 +363,6 @@ def test_a_seat_out_of_reach_is_refused(research):
         (lambda a: Preset(link_bending_stiffness_Nm2=0.0), "link_bending_stiffness_Nm2"),
         (lambda a: Preset(nominal_mean_mm=0.4, length_std_mm=1.0), "needs a larger nominal_max_mm"),
         (lambda a: Preset(nominal_mean_mm=0.4, nominal_max_mm=0.8), "needs errors of the geometry"),
-        (lambda a: VirtualArm.draw(a.nominal, replace(a.preset, nominal_mean_mm=0.01), seed=0), "mm already"),
         (lambda a: VirtualArm.draw(a.nominal, replace(a.preset, nominal_max_mm=40.0), seed=0), "none of 20000 draws"),
     ],
 )
@@ -372,7 +371,47 @@ def test_what_does_not_fit_is_refused(research, call, says):
         call(research)
 
 
-def test_sliding_joints_are_refused():
-    slider = Arm("gantry", Chain(np.tile(np.eye(4), (2, 1, 1)), [0, 0, 0], np.array([True])))
-    with pytest.raises(InputError, match=r"J1 of arm 'gantry' is prismatic"):
-        VirtualArm.draw(slider, Preset(), seed=0)
+# --- sliding joints ---
+
+
+def scara() -> Arm:
+    """Two parallel hinges, a slide of 200 mm and a hinge."""
+    fixed = np.tile(np.eye(4), (5, 1, 1))
+    fixed[1, 0, 3], fixed[2, 0, 3] = 325, 275
+    fixed[2, :3, :3] = np.diag([1.0, -1, -1])
+    lower, upper = np.array([-2.0, -2, 0, -3]), np.array([2.0, 2, 200, 3])
+    slides = np.array([False, False, True, False])
+    chain = Chain(fixed, [40, 0, 60], slides)
+    return Arm("scara", chain, lower=lower, upper=upper, working_pose=np.array([0.0, 1, 100, 0]))
+
+
+def test_a_slide_errs_along_its_travel_and_has_no_error_of_a_turn():
+    preset = replace(PRESETS["worn"], bearing_tilt_std_arcsec=5.0, hysteresis_std_arcsec=10.0)
+    virtual = VirtualArm.draw(scara(), preset, seed=1)
+    names = [term.name for term in virtual.perturbed_chain.terms if term.name.startswith("J3")]
+    assert {"J3 roll by travel", "J3 straightness along x by travel", "J3 positioning by travel"} <= set(names)
+    assert not [name for name in names if any(word in name for word in ("wobble", "encoder", "spot", "gear", "slack"))]
+    assert not [term for term in virtual.perturbed_chain.terms if "J2 cable" in term.name or "J3 cable" in term.name]
+    (hysteresis,) = [term for term in virtual.perturbed_chain.terms if term.name == "J3 hysteresis"]
+    assert hysteresis.prior_std == pytest.approx(10 * ARCSEC * virtual.nominal.chain.reach / 3)  # mm
+    assert hysteresis.direction == (0, 0, 0, 0, 0, 1)
+
+
+def test_an_arm_with_a_slide_is_measured_in_mm_and_settles_in_seats():
+    virtual = VirtualArm.draw(scara(), PRESETS["research"], seed=1)
+    angles = virtual.nominal.working + np.random.default_rng(0).uniform(-1, 1, (20, 4)) * [0.3, 0.3, 80, 1]
+    measured = virtual.measure(angles, seed=2)
+    assert measured.readings.angle_columns == ("q1_deg", "q2_deg", "q3_mm", "q4_deg")
+    step = 2 * np.pi / virtual.preset.encoder_counts * np.array([1, 1, virtual.nominal.chain.reach / 3, 1])
+    np.testing.assert_allclose(np.remainder(measured.readings.angles / step + 0.5, 1), 0.5, atol=1e-6)
+    seats = virtual.true_tip(angles) + [0.5, -0.4, 0.3]
+    settled = virtual.settle(angles, seats)
+    np.testing.assert_allclose(virtual.true_tip(settled), seats, atol=1e-6)
+    assert np.abs(settled - angles)[:, 2].max() < 1.0  # mm
+
+
+def test_an_arm_that_bends_more_than_the_preset_states_keeps_its_geometry_as_drawn(research):
+    strict = replace(research.preset, nominal_mean_mm=0.01)
+    drawn = VirtualArm.draw(research.nominal, strict, seed=0)
+    free = VirtualArm.draw(research.nominal, replace(strict, nominal_mean_mm=0.0, nominal_max_mm=0.0), seed=0)
+    assert (drawn.systematic.geometry == free.systematic.geometry).all()

@@ -69,20 +69,21 @@ def box(arm: Arm, n: int, *, seed: int, half_width: npt.ArrayLike = HALF_WIDTH_R
         Number of poses.
     seed : int
     half_width : float or (n_joints,) array
-        [rad]; a prismatic joint needs a value of its own, in mm.
+        [rad, or mm of sliding joints]. Of one number for all, sliding joints take their whole travel.
     sobol : bool
         Scrambled Sobol points, which cover the box more evenly, instead of independent ones.
 
     Raises
     ------
     InputError
-        If a number is out of bounds.
+        If a number is out of bounds, or the travel of a sliding joint is asked for that has no limits.
     """
     half = np.asarray(half_width, dtype=float)
     if half.shape not in ((), (arm.n_joints,)) or not (np.isfinite(half) & (half > 0)).all():
         raise InputError(f"expected one positive half-width or {arm.n_joints}, got {half_width!r}")
     if half.ndim == 0 and arm.chain.is_prismatic.any():
-        raise InputError(f"arm {arm.name!r} has prismatic joints: state half_width for each joint, in rad or mm")
+        half = np.where(arm.chain.is_prismatic, np.inf, half)
+        joint_travel_limits(arm)  # which refuses a slide without ends
     lower, upper = arm.limits.T
     return Poses(
         _between(

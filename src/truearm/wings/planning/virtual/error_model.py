@@ -34,6 +34,7 @@ from truearm.identification.terms import (
 )
 from truearm.identification.terms.basis import AXES
 from truearm.identification.terms.catalogue import gravity, hysteresis, thermal, wobble
+from truearm.identification.terms.linear_axis import TravelHarmonics, linear_axis
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray, IntArray, NameArray
 from truearm.wings.planning.virtual.presets import ARCSEC, Preset
@@ -42,6 +43,7 @@ from truearm.wings.planning.virtual.state import (
     cage_phase_column,
     force_column,
     link_masses,
+    radian_of,
     random_stream,
 )
 
@@ -262,6 +264,8 @@ GEOMETRY, ENCODERS, BEARINGS, COMPLIANCE, GROWTH, DEFLECTION, HYSTERESIS, CAGES 
 SPOTS, GEARS, SLACK, CABLES, BASE = WEAR_GROUPS = ("spots", "gears", "slack", "cable drag", "base motion")
 """Groups of the terms of a worn arm: identification never offers them, as no smooth function of one angle does."""
 
+SLIDE_POSITIONS = 4  # that give a slide's errors three orders
+
 _DAMAGE = 3  # power of the random numbers of spots, see `ErrorClass`
 
 
@@ -349,13 +353,14 @@ def error_model(arm: Arm, preset: Preset) -> ErrorModel:
     chain, n = arm.chain, arm.n_joints
     classes = (
         ErrorClass("geometry", tuple(_geometry(chain, preset)), 6 * chain.n_places),
-        ErrorClass("encoder", tuple(_encoder(n, preset)), 6 * n),
+        ErrorClass("encoder", tuple(_encoder(chain, preset)), 6 * n),
         ErrorClass("bearing 1", tuple(_bearing(chain, preset, 1)), 12 * n),
         ErrorClass("bearing 2", tuple(_bearing(chain, preset, 2)), 12 * n),
         ErrorClass("stiffness", tuple(_compliance(arm, preset)), 2 * n, preset.stiffness_spread),
         ErrorClass("temperature", tuple(_growth(chain, preset)), n + 1),
         ErrorClass("tip", tuple(_deflection(chain, preset)), 1),
         ErrorClass("hysteresis", tuple(_hysteresis(chain, preset)), n),
+        ErrorClass("slide", (slides := tuple(_slides(arm, preset))), sum(row.term.n_coefficients for row in slides)),
         ErrorClass("cage", tuple(_cage(chain, preset)), 12 * n),
         *wear_classes(chain, preset),
     )
@@ -484,22 +489,22 @@ def _geometry(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
     zero_std = float(np.hypot(angle_std, np.radians(preset.zero_std_deg)))
     for term in constants(chain, free=(), angle_std=zero_std, length_std=length_std):
         component = component_of(term)
-        is_zero = component == _OWN_AXIS and 0 < term.place <= chain.n_joints
+        is_zero = component == _OWN_AXIS and 0 < term.place <= chain.n_joints and not chain.is_prismatic[term.place - 1]
         if component > _OWN_AXIS or is_zero or angle_std > 0:
             std = zero_std if is_zero else angle_std if component <= _OWN_AXIS else length_std
             yield DrawnTerm(replace(term, group=GEOMETRY, prior_std=std), (6 * term.place + component,))
 
 
-def _encoder(n_joints: int, preset: Preset) -> Iterator[DrawnTerm]:
+def _encoder(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
     stds = {
         1: float(eccentric_reading(preset.eccentricity_std_um, diameter_mm=preset.grating_diameter_mm)),
         2: preset.encoder_order2_std_arcsec * ARCSEC,
         4: preset.encoder_order4_std_arcsec * ARCSEC,
     }
     first = 0
-    for joint in range(1, n_joints + 1):
+    for joint, slides in enumerate(chain.is_prismatic.tolist(), start=1):
         for order, std in stds.items():
-            if std > 0:
+            if std > 0 and not slides:
                 name = f"J{joint} encoder, order {order}"
                 yield DrawnTerm(
                     Term(name, joint, _unit(_OWN_AXIS), Harmonics(joint, (order,)), ENCODERS, std), (first, first + 1)
@@ -576,7 +581,25 @@ def _hysteresis(chain: Chain, preset: Preset) -> Iterator[DrawnTerm]:
     std = preset.hysteresis_std_arcsec * ARCSEC
     for joint in range(1, chain.n_joints + 1 if std > 0 else 1):
         (term,) = hysteresis(chain, joint)
-        yield DrawnTerm(replace(term, group=HYSTERESIS, prior_std=std), (joint - 1,))
+        own = std * float(radian_of(chain)[joint - 1])
+        yield DrawnTerm(replace(term, group=HYSTERESIS, prior_std=own), (joint - 1,))
+
+
+def _slides(arm: Arm, preset: Preset) -> Iterator[DrawnTerm]:
+    """Slow errors along the travel of sliding joints: guides err as bearings do, their scales as gratings."""
+    tilt, runout = preset.bearing_tilt_std_arcsec * ARCSEC, preset.bearing_runout_std_um * 1e-3
+    stds, first = (tilt, tilt, tilt, runout, runout, preset.eccentricity_std_um * 1e-3), 0
+    for joint in np.flatnonzero(arm.chain.is_prismatic & np.isfinite(arm.limits).all(axis=1)).tolist():
+        lower, upper = arm.limits[joint]
+        for term in linear_axis(joint + 1, np.linspace(lower, upper, SLIDE_POSITIONS)):
+            std = stds[component_of(term)]
+            if not isinstance(term.basis, TravelHarmonics) or std == 0:  # the scale of the arm is in its geometry
+                continue
+            by_function = tuple(std / k for k in term.basis.orders for _ in range(2))
+            group = BEARINGS if component_of(term) < 5 else ENCODERS
+            drawn = replace(term, group=group, prior_std=by_function)
+            yield DrawnTerm(drawn, tuple(range(first, first + drawn.n_coefficients)))
+            first += drawn.n_coefficients
 
 
 def tip_compliance(preset: Preset) -> float:
@@ -591,7 +614,8 @@ def eccentric_reading(eccentricity_um: npt.ArrayLike, *, diameter_mm: float) -> 
 
 def wear_classes(chain: Chain, preset: Preset) -> tuple[ErrorClass, ...]:
     """Classes of the errors of wear."""
-    joints, before_last = range(1, chain.n_joints + 1), range(1, chain.n_joints)
+    joints = [joint for joint in range(1, chain.n_joints + 1) if not chain.is_prismatic[joint - 1]]
+    before_last = [joint for joint in joints if joint + 1 in joints]
     spots, gear = partial(Spots, width_rad=radians(preset.spot_width_deg)), partial(GearErrors, ratio=preset.gear_ratio)
     slack = partial(Slack, zone_Nm=preset.slack_zone_Nm)
     gear_spot, bearing_spot = preset.gear_spot_std_arcsec, preset.bearing_spot_std_arcsec

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import dawsn
 
-from truearm.arm import Arm
+from truearm.arm import Arm, Chain
 from truearm.errors import InputError
 from truearm.identification.terms import ArmState, LinkMasses, uniform_links
 from truearm.identification.terms.basis import AXES
@@ -31,6 +31,11 @@ def random_stream(family: str, seed: int, what: str) -> np.random.Generator:
 def link_masses(arm: Arm, preset: Preset) -> LinkMasses:
     """Return the arm's own masses if they are known, else straight links of the preset's mass per length."""
     return uniform_links(arm.chain, kg_per_m=preset.link_kg_per_m) if arm.masses is None else arm.masses
+
+
+def radian_of(chain: Chain) -> FloatArray:
+    """(n_joints,) what is as large as a radian [rad, or mm]: a third of the reach where a joint slides."""
+    return np.where(chain.is_prismatic, chain.reach / 3, 1.0)
 
 
 def virtual_state(
