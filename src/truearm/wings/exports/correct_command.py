@@ -25,9 +25,9 @@ def correct(
     verb: Any,
     model: options.ModelFile,
     targets: Annotated[
-        Path, Argument(metavar="TARGETS", help="Table of targets, .csv: joints, or poses of the tip with start joints.")
+        Path, Argument(metavar="TARGETS", help="A robot program, or a table of targets: joints, or poses of the tip.")
     ],
-    out: Annotated[Path, Option(help="File to write: .csv, or by --as .script, .mod, .dat, .ls.")],
+    out: Annotated[Path, Option(help="File to write: a program; .csv, or by --as .script, .mod, .dat, .ls.")],
     language: Annotated[RobotLanguage | None, Option("--as", help="Format of --out.")] = None,
     fanuc_j3: Annotated[
         FanucJ3 | None,
@@ -41,6 +41,8 @@ def correct(
     start: Annotated[
         str | None, Option(metavar="Q1,Q2,..", help="Start joints [deg, mm] of all poses, if the table has none.")
     ] = None,
+    frames: Annotated[Path | None, Option(help="Tools and work frames of a program, .toml.")] = None,
+    diff: Annotated[bool, Option("--diff", help="Of a program: also list old and new targets.")] = False,
     tip: options.TipName = None,
     as_json: options.Json = False,
     **given: Any,
@@ -58,8 +60,14 @@ def correct(
     """
     from truearm.verbs.inputs import to_model_of_tip
     from truearm.wings.exports.correct import FANUC_J3_TEXT, check_output
+    from truearm.wings.exports.programs import program_command
     from truearm.wings.exports.targets.manifest import read_manifest
 
+    if program_command.is_program(targets):
+        fitted = to_model_of_tip(model, tip)
+        given |= {"language": language, "fanuc_j3": fanuc_j3, "tool": tool, "frames": frames}
+        given |= {"start": _start_of(start, []), "diff": diff, "as_json": as_json}
+        raise typer.Exit(program_command.run(fitted, targets, out, **given))
     check_output(out, language, fanuc_j3)
     check_file(out, model, targets, read=read_manifest)
     with progress(f"correcting {targets.name}"):

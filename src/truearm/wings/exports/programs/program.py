@@ -6,13 +6,17 @@ replaces those bytes, and every other byte stays.
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from truearm.arm import Chain
 from truearm.errors import InputError
@@ -32,7 +36,7 @@ class Number(NamedTuple):
     @property
     def value(self) -> float:
         """What the bytes state."""
-        return float(self.text)
+        return float(self.text.replace(b" ", b"").replace(b"\t", b""))
 
 
 class Edit(NamedTuple):
@@ -97,11 +101,22 @@ class Target:
 
 
 class LeftAlone(NamedTuple):
-    """A target or motion that is not changed, and why; `name` is that of a `Target`, or the text of the motion."""
+    """A target or motion that is not changed, and why.
+
+    Attributes
+    ----------
+    line : int
+    name : str
+        That of a target, or the text of the motion.
+    reason : str
+    is_literal : bool
+        Whether it is a target with all its numbers, which could be corrected if what is missing were stated.
+    """
 
     line: int
     name: str
     reason: str
+    is_literal: bool = False
 
 
 class Move(NamedTuple):
@@ -244,8 +259,12 @@ def with_edits(data: bytes, edits: Sequence[Edit]) -> bytes:
 
 def line_of(data: bytes, at: int) -> int:
     """The line of a byte, from 1; a line ends with LF, CR LF, or CR alone."""
-    before = data[:at]
-    return 1 + before.count(b"\n") + before.count(b"\r") - before.count(b"\r\n")
+    return 1 + bisect_right(_line_begins(data), at)
+
+
+@lru_cache(maxsize=4)
+def _line_begins(data: bytes) -> list[int]:
+    return [match.end() for match in re.finditer(rb"\r\n|\n|\r", data)]
 
 
 def line_end_of(data: bytes) -> bytes:
@@ -254,8 +273,14 @@ def line_end_of(data: bytes) -> bytes:
     return first[1]
 
 
-def transform(R: FloatArray, position_mm: Sequence[float]) -> FloatArray:
+def transform(R: FloatArray, position_mm: npt.ArrayLike) -> FloatArray:
     """(4, 4) rigid motion of a rotation and a translation [mm]."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, position_mm
     return T
+
+
+def inverse(T: FloatArray) -> FloatArray:
+    """(4, 4) inverse of a rigid motion."""
+    R = T[:3, :3].T
+    return transform(R, -R @ T[:3, 3])

@@ -1,0 +1,434 @@
+"""Correct a robot program: its targets become those at which the nominal controller brings the real arm there.
+
+A target in its tool and work frame gives the joints of the controller's arm, the model gives corrected joints, and the
+controller's arm at those joints gives the new target. Only the numbers of a target change.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truearm.acceptance import accepted_in_fit
+from truearm.arm import Chain
+from truearm.errors import InputError
+from truearm.files.atomic_write import atomic_file
+from truearm.files.file_reading import read_limited
+from truearm.files.toml_documents import read_document
+from truearm.models import Compensator
+from truearm.models.arm_check import check_has_kinematics
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
+from truearm.verbs.inputs import ModelLike, model_file_fingerprint, to_model_of_tip
+from truearm.verbs.record import Record, TextTable
+from truearm.verbs.sentences import format_mm, listed
+from truearm.wings.exports.programs.branches import N_JOINTS, Screws
+from truearm.wings.exports.programs.configurations import QUANTITIES, nominal_joints, quantities_of
+from truearm.wings.exports.programs.frames_file import FramesFile
+from truearm.wings.exports.programs.languages import LANGUAGES, language_of
+from truearm.wings.exports.programs.number_texts import new_numbers
+from truearm.wings.exports.programs.orientations import angles_of
+from truearm.wings.exports.programs.program import (
+    Edit,
+    Language,
+    LeftAlone,
+    Program,
+    Surroundings,
+    Target,
+    inverse,
+    with_edits,
+)
+from truearm.wings.exports.targets import TargetDirection, Untrained
+from truearm.wings.exports.targets.correction import correct_targets
+from truearm.wings.exports.targets.pose_models import with_tool
+from truearm.wings.exports.targets.targets import Targets
+
+MAX_BYTES = 64 * 2**20
+# A model that equals the nominal arm changes joints by rounding: such a target keeps its bytes [rad].
+_UNCHANGED = 1e-9
+_MARK = re.compile(rb"truearm (command|feedback) ([0-9a-f]{8})")
+# Most of the targets of a program for this robot are within its reach.
+_MOST = 0.5
+MEANING = {
+    "command": "command: the arm goes where the program says. Do not correct the new program again.",
+    "feedback": "feedback: targets taught on the arm, as the nominal arm has them. Do not send them to the controller.",
+}
+
+
+@one_blas_thread()
+def correct_program(
+    model: ModelLike,
+    program: str | Path,
+    *,
+    direction: TargetDirection = "command",
+    frames: str | Path | None = None,
+    start: npt.ArrayLike | None = None,
+    untrained: Untrained = "refuse",
+) -> CorrectedProgram:
+    """Correct the targets of a robot program in the language of its controller.
+
+    Parameters
+    ----------
+    model : Compensator, str or Path
+        A fitted model or its file.
+    program : str or Path
+        A program of a known language, recognised by its content.
+    direction : {"command", "feedback"}
+        ``"command"``: what to send, so that the arm goes to the targets. ``"feedback"``: the reverse.
+    frames : str or Path, optional
+        TOML file of tools and work frames that are not in the program (docs/programs.md).
+    start : (6,) array, optional
+        Joints near Cartesian targets that state no configuration, as the controller counts them [rad].
+    untrained : {"refuse", "accept"}
+        What to do with targets outside the trained range.
+
+    Returns
+    -------
+    CorrectedProgram
+
+    Raises
+    ------
+    InputError
+        If the program is of no known language, damaged, of another robot, or corrected in this direction already.
+    """
+    fitted = to_model_of_tip(model)
+    check_has_kinematics(fitted.arm_, "corrected targets need")
+    path = Path(program)
+    file = read_limited(path, limit_bytes=MAX_BYTES)
+    language = language_of(file)
+    if language is None:
+        known = ", ".join(one.title for one in LANGUAGES)
+        raise InputError("the file is a program of no known language", file=path, hint=f"a program of {known}")
+    beside = Surroundings(path, FramesFile() if frames is None else read_document(frames, FramesFile))
+    try:
+        text = language.unpacked(file)
+        marks = {one[0]: one for one in _MARK.findall(text)}
+        if direction.encode() in marks:
+            raise InputError(
+                f"the program is corrected already ({direction}): twice would double the correction",
+                hint="correct the program as planned; --direction of the other sense is the reverse",
+            )
+        read = language.read(text, beside)
+        near = None if start is None else _start_of(start)
+        return _Correction(fitted, language, read, near).result(path, file, direction, untrained)
+    except InputError as error:
+        raise error if error.file is not None else error.in_file(path) from None
+
+
+def _start_of(start: npt.ArrayLike) -> FloatArray:
+    joints = np.asarray(start, dtype=float)
+    if joints.shape != (N_JOINTS,) or not np.isfinite(joints).all():
+        raise InputError(f"expected {N_JOINTS} start joints, got {start!r:.60}")
+    return joints
+
+
+@dataclass(frozen=True, eq=False)
+class TargetChange:
+    """A corrected target.
+
+    Attributes
+    ----------
+    target : Target
+    numbers : mapping of str to bytes
+        New texts of the numbers that change.
+    edits : tuple of Edit
+        All bytes that change: numbers and configuration.
+    shift_mm : float
+        How far the correction moves the tip.
+    joints, nominal : (6,) array
+        Of the controller's arm: corrected, and before [rad].
+    """
+
+    target: Target
+    numbers: Mapping[str, bytes]
+    edits: tuple[Edit, ...]
+    shift_mm: float
+    joints: FloatArray
+    nominal: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Correction:
+    """The correction of a program's targets by a model."""
+
+    model: Compensator
+    language: Language
+    program: Program
+    start: FloatArray | None
+
+    @property
+    def chain(self) -> Chain:
+        """The controller's arm, to its flange."""
+        chain = self.model.arm_.chain if self.program.controller is None else self.program.controller
+        return Chain(chain.fixed, np.zeros(3), chain.prismatic, chain.coupling)
+
+    def result(self, path: Path, file: bytes, direction: TargetDirection, untrained: Untrained) -> CorrectedProgram:
+        """Correct all targets, and write the program anew."""
+        targets = self.program.targets
+        if self.model.arm_.n_joints != N_JOINTS or self.model.arm_.chain.is_prismatic.any():
+            raise InputError(f"programs are corrected for arms of {N_JOINTS} turning joints")
+        nominal, reasons = self._nominal()
+        self._check_robot(nominal, reasons)
+        corrected, shifts = np.full_like(nominal, np.nan), np.zeros(len(targets))
+        for rows, equipped in self._by_tool([not reason for reason in reasons]):
+            found = correct_targets(
+                equipped, self._wanted(nominal, rows), direction=direction, untrained=untrained, uncertainty=False
+            )
+            corrected[rows], shifts[rows] = found.joints, found.shift_mm
+            for row, reason in zip(rows, found.reasons, strict=True):
+                reasons[row] = reason
+        changes, left = self._changes(nominal, corrected, shifts, reasons)
+        edits = [edit for change in changes for edit in change.edits]
+        if edits:
+            edits += self._marks(direction)
+        text = with_edits(self.program.data, edits)
+        return CorrectedProgram(
+            model=self.model,
+            file=path,
+            language=self.language.title,
+            direction=direction,
+            changes=tuple(changes),
+            refused=tuple(left),
+            left=self.program.left,
+            notes=self.program.notes,
+            content=self.language.packed(text) if edits else file,
+        )
+
+    def _nominal(self) -> tuple[FloatArray, list[str]]:
+        targets, arm = self.program.targets, self.model.arm_
+        nominal, reasons = np.full((len(targets), N_JOINTS), np.nan), [""] * len(targets)
+        poses = [row for row, target in enumerate(targets) if target.joints is None]
+        for row, target in enumerate(targets):
+            if target.joints is not None:
+                nominal[row] = target.joints
+        plain = np.array([row for row, target in enumerate(targets) if target.joints is not None], dtype=int)
+        nominal[plain] = self.language.model_joints(arm.chain, nominal[plain])
+        if poses:
+            found, why = nominal_joints(arm, self.chain, self.language, [targets[row] for row in poses], self.start)
+            nominal[poses] = found
+            for row, reason in zip(poses, why, strict=True):
+                reasons[row] = reason
+        return nominal, reasons
+
+    def _check_robot(self, nominal: FloatArray, reasons: Sequence[str]) -> None:
+        """Refuse the program of another robot."""
+        if not reasons:
+            return
+        limits = self.model.arm_.limits.T
+        beyond = ((nominal < limits[0]) | (nominal > limits[1])).any(axis=1)
+        bad = [i for i, reason in enumerate(reasons) if "the robot" in reason or beyond[i]]
+        if len(bad) > _MOST * len(reasons):
+            why = reasons[bad[0]] or "its joints are beyond the limits"
+            target = self.program.targets[bad[0]]
+            raise InputError(
+                f"{len(bad)} of {len(reasons)} targets are none of {self.model.arm_.name!r}: {target.name}: {why}",
+                line=target.line,
+                hint="give the model of the robot that runs this program, and its frames",
+            )
+
+    def _by_tool(self, good: Sequence[bool]) -> Iterator[tuple[list[int], Compensator]]:
+        """Targets by their tools, each with the model that has it."""
+        groups: defaultdict[bytes, list[int]] = defaultdict(list)
+        for row, target in enumerate(self.program.targets):
+            if good[row]:
+                tool = target.T_flange_tool
+                groups[b"" if tool is None else np.round(tool, 12).tobytes()].append(row)
+        for rows in groups.values():
+            tool = self.program.targets[rows[0]].T_flange_tool
+            if tool is None:
+                yield rows, self.model
+            else:
+                rpy = np.radians(angles_of(tool[:3, :3], (0.0, 0.0, 0.0)))
+                yield rows, with_tool(self.model, np.concatenate([tool[:3, 3], rpy]))
+
+    def _wanted(self, nominal: FloatArray, rows: list[int]) -> Targets:
+        return Targets.of_joints(nominal[rows])
+
+    def _changes(
+        self, nominal: FloatArray, corrected: FloatArray, shifts: FloatArray, reasons: Sequence[str]
+    ) -> tuple[list[TargetChange], list[LeftAlone]]:
+        targets, language, chain = self.program.targets, self.language, self.chain
+        changes, refused = [], []
+        good = np.flatnonzero([not reason for reason in reasons])
+        counted = np.full_like(nominal, np.nan)
+        counted[good] = language.controller_joints(self.model.arm_.chain, corrected[good])
+        before = np.full_like(nominal, np.nan)
+        before[good] = language.controller_joints(self.model.arm_.chain, nominal[good])
+        there = chain.pose(corrected[good])
+        flange = np.tile(np.eye(4), (len(targets), 1, 1))
+        flange[good, :3, :3], flange[good, :3, 3] = there
+        quantities = [self._quantities(nominal, before), self._quantities(corrected, counted)]
+        for row, (target, reason) in enumerate(zip(targets, reasons, strict=True)):
+            if reason:
+                refused.append(LeftAlone(target.line, target.name, reason, is_literal=True))
+                continue
+            edits: tuple[Edit, ...] = ()
+            numbers: dict[str, bytes] = {}
+            if np.abs(corrected[row] - nominal[row]).max() > _UNCHANGED:
+                pose = None
+                if target.T_base_work is not None and target.T_flange_tool is not None:
+                    pose = inverse(target.T_base_work) @ flange[row] @ target.T_flange_tool
+                numbers = new_numbers(language, target, language.values(target, counted[row], pose))
+                edits = tuple(
+                    Edit(target.numbers[name].start, target.numbers[name].end, text) for name, text in numbers.items()
+                )
+                try:
+                    edits += self._configuration(target, *(one[row] for one in quantities))
+                except InputError as error:
+                    refused.append(LeftAlone(target.line, target.name, error.problem, is_literal=True))
+                    continue
+            changes.append(TargetChange(target, numbers, edits, float(shifts[row]), counted[row], before[row]))
+        return changes, refused
+
+    def _quantities(self, joints: FloatArray, counted: FloatArray) -> list[dict[str, float]]:
+        """What configurations are stated by, of every target."""
+        screws = Screws.of(self.model.arm_.chain)
+        if screws is None:
+            return [{}] * len(joints)
+        return [dict(zip(QUANTITIES, row, strict=True)) for row in quantities_of(screws, joints, counted).tolist()]
+
+    def _configuration(self, target: Target, old: Mapping[str, float], new: Mapping[str, float]) -> tuple[Edit, ...]:
+        """Edits of the configuration, if a joint has crossed a border of it."""
+        crossed = any(
+            one.low <= old[one.quantity] <= one.high and not one.low <= new[one.quantity] <= one.high
+            for one in target.conditions
+        )
+        return tuple(self.language.configuration(target, new)) if crossed else ()
+
+    def _marks(self, direction: TargetDirection) -> Iterator[Edit]:
+        """The edit that says that the program is corrected, or that takes away that of the other direction."""
+        data = self.program.data
+        marks = [match for match in _MARK.finditer(data) if match[1].decode() != direction]
+        for match in marks:
+            comment = self.language.mark(self.program, match[0].decode()).text
+            at = data.find(comment)
+            if at >= 0:
+                yield Edit(at, at + len(comment), b"")
+            else:  # the controller wrote the line in its own way
+                yield Edit(match.start(1), match.end(1), b"undone")
+        if not marks:
+            yield self.language.mark(self.program, f"truearm {direction} {model_file_fingerprint(self.model)[:8]}")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CorrectedProgram(Record):
+    """A program with corrected targets, and what was not corrected.
+
+    Attributes
+    ----------
+    model : Compensator
+    file : Path
+        Of the program as it was.
+    language : str
+    direction : {"command", "feedback"}
+    changes : tuple of TargetChange
+        Corrected targets, in the order of the program.
+    refused : tuple of LeftAlone
+        Targets that cannot be corrected, with reasons.
+    left : tuple of LeftAlone
+        What has no literal numbers, or whose frames are not known, with reasons.
+    notes : tuple of str
+    content : bytes
+        The new file.
+    """
+
+    model: Compensator
+    file: Path
+    language: str
+    direction: TargetDirection
+    changes: tuple[TargetChange, ...]
+    refused: tuple[LeftAlone, ...]
+    left: tuple[LeftAlone, ...]
+    notes: tuple[str, ...]
+    content: bytes
+
+    @cached_property
+    def is_complete(self) -> bool:
+        """Whether every target with literal numbers was corrected."""
+        return not self.refused and not any(one.is_literal for one in self.left)
+
+    def save(self, path: str | Path) -> None:
+        """Write the corrected program.
+
+        Raises
+        ------
+        InputError
+            If no target was corrected, the name has another ending than the program, or cannot be written.
+        """
+        self.check_output(path)
+        if not self.changes:
+            raise InputError(self.summary()[:-1], file=path)
+        with atomic_file(path) as beside:
+            beside.write_bytes(self.content)
+
+    def check_output(self, path: str | Path) -> None:
+        """Check that the program can have a file name."""
+        if Path(path).suffix.lower() != self.file.suffix.lower():
+            raise InputError(
+                f"expected a file name that ends in {self.file.suffix}, got {Path(path).name!r}", file=path
+            )
+
+    def summary(self) -> str:
+        """The answer in one sentence."""
+        n = len(self.changes) + len(self.refused) + sum(one.is_literal for one in self.left)
+        if not self.changes:
+            return f"None of {n} targets corrected: there is nothing to write."
+        shifts = [change.shift_mm for change in self.changes]
+        return (
+            f"{len(self.changes)} of {n} targets corrected ({self.language}); the tip moves by "
+            f"{format_mm(float(np.mean(shifts)))} on average, {format_mm(max(shifts))} at most."
+        )
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        yield f"direction {MEANING[self.direction]}"
+        yield from listed("refused", [_describe(one) for one in self.refused], "refused targets")
+        literal = [_describe(one) for one in self.left if one.is_literal]
+        yield from listed("not corrected", literal, "targets that are not corrected")
+        others = [_describe(one) for one in self.left if not one.is_literal]
+        yield from listed("not changed", others, "motions without numbers of their own")
+        yield from self.notes
+        yield from accepted_in_fit(self.model.accepted_)
+
+    def difference(self) -> TextTable:
+        """Old and new numbers of every target that changes, and how far the tip moves."""
+        rows = []
+        for change in self.changes:
+            names = [name for name in change.target.numbers if name in change.numbers]
+            old = " ".join(change.target.numbers[name].text.decode("latin-1") for name in names)
+            new = " ".join(change.numbers[name].decode("latin-1") for name in names)
+            if names:
+                rows.append([str(change.target.line), change.target.name, old, new, f"{change.shift_mm:.3f}"])
+        return TextTable(("line", "target", "old", "new", "change [mm]"), rows, left_aligned=(1, 2, 3))
+
+    def _json(self) -> object:
+        return {
+            "summary": self.summary(),
+            "language": self.language,
+            "direction": self.direction,
+            "n_corrected": len(self.changes),
+            "corrected": [
+                {
+                    "target": change.target.name,
+                    "line": change.target.line,
+                    "shift_mm": change.shift_mm,
+                    "numbers": {name: text.decode("latin-1") for name, text in change.numbers.items()},
+                }
+                for change in self.changes
+            ],
+            "refused": [one._asdict() for one in self.refused],
+            "not_changed": [one._asdict() for one in self.left],
+            "notes": list(self.notes),
+        }
+
+
+def _describe(one: LeftAlone) -> str:
+    return f"line {one.line}, {one.name}: {one.reason}"

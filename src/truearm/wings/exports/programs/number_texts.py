@@ -1,0 +1,53 @@
+"""New numbers of a target, written as its neighbours are."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Mapping
+from math import ceil, log10
+
+from truearm.wings.exports.programs.program import Language, Number, Target
+
+# The unit of the last digit is at most this share of the largest change: rounding is half of that.
+_DIGIT = 0.05
+_MOST_DECIMALS = 9
+_JOINT = re.compile(r"(?:.*\.)?[ja]\d")
+_DECIMALS = re.compile(rb"[+-]?\s*\d*\.?(\d*)")
+
+
+def new_numbers(language: Language, target: Target, values: Mapping[str, float]) -> dict[str, bytes]:
+    """Texts of the numbers of a target that change.
+
+    Numbers of one kind (position, orientation, joints) have the most decimals that one of them has in the program, and
+    more where the change would be lost in the last digit, if the language takes them.
+    """
+    groups: defaultdict[str, list[str]] = defaultdict(list)
+    for name in values:
+        groups[_kind_of(name)].append(name)
+    found = {}
+    for names in groups.values():
+        decimals = max(_decimals(target.numbers[name]) for name in names)
+        change = max(abs(values[name] - target.numbers[name].value) for name in names)
+        if change > 0:
+            decimals = max(decimals, min(ceil(-log10(_DIGIT * change)), _MOST_DECIMALS))
+        if language.decimals is not None:
+            decimals = min(decimals, language.decimals)
+        for name in names:
+            number = target.numbers[name]
+            text = language.number_text(number, values[name], decimals)
+            if float(text) != number.value:
+                found[name] = text
+    return found
+
+
+def _kind_of(name: str) -> str:
+    if name.rpartition(".")[2] in ("x", "y", "z"):
+        return name.rpartition(".")[0] + "position"
+    return "joints" if _JOINT.fullmatch(name) else "orientation"
+
+
+def _decimals(number: Number) -> int:
+    """Digits after the point; those of a power of ten do not count."""
+    match = _DECIMALS.match(number.text)
+    return 0 if match is None or b"e" in number.text.lower() else len(match[1])

@@ -1,0 +1,52 @@
+"""What ``truearm correct`` does with a robot program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from truearm.errors import InputError
+from truearm.files.file_reading import read_limited
+from truearm.models import Compensator
+from truearm.verbs.console import print_line, print_record, progress
+from truearm.verbs.outputs import check_output
+from truearm.wings.exports.programs.correct_program import MAX_BYTES, correct_program
+from truearm.wings.exports.programs.languages import language_of
+
+# Options of tables, which a program states itself.
+_OF_TABLES = {"language": "--as", "fanuc_j3": "--fanuc-j3", "tool": "--tool"}
+
+
+def is_program(path: Path) -> bool:
+    """Whether a file is a program of a known language."""
+    return path.is_file() and language_of(read_limited(path, limit_bytes=MAX_BYTES)) is not None
+
+
+def run(
+    model: Compensator,
+    program: Path,
+    out: Path,
+    *,
+    start: list[float] | None,
+    frames: Path | None,
+    diff: bool,
+    as_json: bool,
+    direction: Any,
+    untrained: Any,
+    **of_tables: object,
+) -> int:
+    """Correct a program and print what was done; returns the exit code of the command."""
+    for name, option in _OF_TABLES.items():
+        if of_tables.get(name) is not None:
+            raise InputError(f"{option} is for tables of targets; a program states it itself", file=program)
+    check_output(out, program, frames, endings=(program.suffix,))
+    with progress(f"correcting {program.name}"):
+        corrected = correct_program(
+            model, program, direction=direction, frames=frames, start=start, untrained=untrained
+        )
+        if corrected.changes:
+            corrected.save(out)
+    print_record(corrected, as_json=as_json, files={"program": out if corrected.changes else None})
+    if diff and not as_json:
+        print_line(str(corrected.difference()))
+    return 0 if corrected.is_complete else 1 if corrected.changes else 3

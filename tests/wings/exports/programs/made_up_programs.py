@@ -1,0 +1,55 @@
+"""Programs of the makers' languages for known joints, made without the readers."""
+
+from math import floor
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+NONE = "9E9,9E9,9E9,9E9,9E9,9E9"
+TOOL = np.array([[0.0, 0.0, 1.0, 35.0], [0.0, 1.0, 0.0, -20.0], [-1.0, 0.0, 0.0, 140.0], [0.0, 0.0, 0.0, 1.0]])
+WORK = np.array([[0.0, -1.0, 0.0, 300.0], [1.0, 0.0, 0.0, -150.0], [0.0, 0.0, 1.0, 50.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def in_work(chain, joints, tool=TOOL, work=WORK):
+    """(n, 4, 4) poses of the tool in the work frame."""
+    pose = chain.with_tip(np.zeros(3)).pose(joints)
+    T = np.tile(np.eye(4), (len(joints), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = pose
+    return np.linalg.inv(work) @ T @ tool
+
+
+def quaternion(R):
+    return Rotation.from_matrix(R).as_quat(scalar_first=True)
+
+
+def rapid_pose(T):
+    x, q = T[:3, 3], quaternion(T[:3, :3])
+    return "[[%.6f,%.6f,%.6f],[%.9f,%.9f,%.9f,%.9f]]" % (*x, *q)
+
+
+def rapid_target(T, q, bits, *, mm=2, quaternion_digits=6):
+    """A robtarget at a pose with joints [deg]; `bits` is cfx."""
+    x = ",".join(f"{value:.{mm}f}" for value in T[:3, 3])
+    orientation = ",".join(f"{value:.{quaternion_digits}g}" for value in quaternion(T[:3, :3]))
+    cf = ",".join(str(floor(q[i] / 90)) for i in (0, 3, 5))
+    return f"[[{x}],[{orientation}],[{cf},{bits}],[{NONE}]]"
+
+
+def cfx(q, wrist_behind=False, elbow_behind=False):
+    return 4 * wrist_behind + 2 * elbow_behind + (q[4] < 0)
+
+
+def rapid_module(chain, joints, *, tool=TOOL, work=WORK, digits=(6, 10), behind=None, name="Made"):
+    """A module with one MoveL and one MoveAbsJ for every row of joints [rad]."""
+    poses = in_work(chain, joints, tool, work)
+    lines = [f"MODULE {name}"]
+    lines.append(f"  PERS tooldata tGrip:=[TRUE,{rapid_pose(tool)},[1,[0,0,1],[1,0,0,0],0,0,0]];")
+    lines.append(f'  PERS wobjdata wTable:=[FALSE,TRUE,"",{rapid_pose(work)},[[0,0,0],[1,0,0,0]]];')
+    for i, (T, q) in enumerate(zip(poses, np.degrees(joints), strict=True)):
+        bits = cfx(q, *([False, False] if behind is None else behind[i]))
+        lines.append(
+            f"  CONST robtarget p{i}:={rapid_target(T, q, bits, mm=digits[0], quaternion_digits=digits[1])};"
+        )
+    lines.append("  PROC main()")
+    lines += [f"    MoveL p{i},v100,fine,tGrip\\WObj:=wTable;" for i in range(len(joints))]
+    return "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])
