@@ -24,7 +24,7 @@ def quaternion(R):
 
 def rapid_pose(T):
     x, q = T[:3, 3], quaternion(T[:3, :3])
-    return "[[%.6f,%.6f,%.6f],[%.9f,%.9f,%.9f,%.9f]]" % (*x, *q)
+    return f"[[{','.join(f'{one:.6f}' for one in x)}],[{','.join(f'{one:.9f}' for one in q)}]]"
 
 
 def rapid_target(T, q, bits, *, mm=2, quaternion_digits=6):
@@ -47,9 +47,7 @@ def rapid_module(chain, joints, *, tool=TOOL, work=WORK, digits=(6, 10), behind=
     lines.append(f'  PERS wobjdata wTable:=[FALSE,TRUE,"",{rapid_pose(work)},[[0,0,0],[1,0,0,0]]];')
     for i, (T, q) in enumerate(zip(poses, np.degrees(joints), strict=True)):
         bits = cfx(q, *([False, False] if behind is None else behind[i]))
-        lines.append(
-            f"  CONST robtarget p{i}:={rapid_target(T, q, bits, mm=digits[0], quaternion_digits=digits[1])};"
-        )
+        lines.append(f"  CONST robtarget p{i}:={rapid_target(T, q, bits, mm=digits[0], quaternion_digits=digits[1])};")
     lines.append("  PROC main()")
     lines += [f"    MoveL p{i},v100,fine,tGrip\\WObj:=wTable;" for i in range(len(joints))]
     return "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])
