@@ -12,7 +12,7 @@ from truearm.typing import BoolArray, FloatArray
 from truearm.wings.exports.programs.branches import N_JOINTS, Screws, inverse_branches, polished
 from truearm.wings.exports.programs.program import Language, Target, inverse
 
-QUANTITIES = (*(f"J{i}" for i in range(1, N_JOINTS + 1)), "shoulder", "elbow")
+QUANTITIES = (*(f"J{i}" for i in range(1, N_JOINTS + 1)), "shoulder", "elbow", "|J4|")
 # A target is printed with two or three decimals: its joints may be this far across a border [deg, mm].
 _ACROSS = 0.05
 _TURNS = np.array([0, 1, -1, 2, -2])
@@ -31,8 +31,9 @@ def quantities_of(screws: Screws, joints: FloatArray, counted: FloatArray) -> Fl
 
     Returns
     -------
-    (.., 8) array
-        Joints [deg]; how far the wrist centre is in front of axis 1, and of the line from axis 2 to axis 3 [mm].
+    (.., 9) array
+        Joints [deg]; how far the wrist centre is in front of axis 1, and of the line from axis 2 to axis 3 [mm]; the
+        magnitude of joint 4 [deg].
     """
     h, p = screws.axes, screws.points
     front = np.cross(h[1], h[0])
@@ -44,7 +45,9 @@ def quantities_of(screws: Screws, joints: FloatArray, counted: FloatArray) -> Fl
     shoulder = (p[1] - p[0] + lower + fore) @ front
     link = lower / np.linalg.norm(p[2] - p[1])
     elbow = (fore @ front) * (link @ h[0]) - (fore @ h[0]) * (link @ front)
-    return np.concatenate([np.degrees(counted), shoulder[..., None], elbow[..., None]], axis=-1)
+    degrees = np.degrees(counted)
+    more = np.stack([shoulder, elbow, np.abs(degrees[..., 3])], axis=-1)
+    return np.concatenate([degrees, more], axis=-1)
 
 
 def _turned(axis: FloatArray, angle: FloatArray, v: FloatArray) -> FloatArray:

@@ -31,8 +31,9 @@ from truearm.verbs.record import Record, TextTable
 from truearm.verbs.sentences import format_mm, listed
 from truearm.wings.exports.programs.branches import N_JOINTS, Screws
 from truearm.wings.exports.programs.configurations import QUANTITIES, nominal_joints, quantities_of
+from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.languages import LANGUAGES, language_of
+from truearm.wings.exports.programs.languages import LANGUAGES, UNREADABLE, language_of
 from truearm.wings.exports.programs.number_texts import new_numbers
 from truearm.wings.exports.programs.orientations import angles_of
 from truearm.wings.exports.programs.program import (
@@ -47,6 +48,7 @@ from truearm.wings.exports.programs.program import (
 )
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.correction import correct_targets
+from truearm.wings.exports.targets.manifest import MARKER
 from truearm.wings.exports.targets.pose_models import with_tool
 from truearm.wings.exports.targets.targets import Targets
 
@@ -104,11 +106,17 @@ def correct_program(
     file = read_limited(path, limit_bytes=MAX_BYTES)
     language = language_of(file)
     if language is None:
-        known = ", ".join(one.title for one in LANGUAGES)
-        raise InputError("the file is a program of no known language", file=path, hint=f"a program of {known}")
+        known = f"a program of {', '.join(one.title for one in LANGUAGES)}"
+        hint = UNREADABLE.get(path.suffix.lower(), known)
+        raise InputError("the file is a program of no known language", file=path, hint=hint)
     beside = Surroundings(path, FramesFile() if frames is None else read_document(frames, FramesFile))
     try:
         text = language.unpacked(file)
+        if MARKER.encode() in text:
+            raise InputError(
+                "truearm correct --as wrote these targets: they are corrected already",
+                hint="correct the original program",
+            )
         marks = {one[0]: one for one in _MARK.findall(text)}
         if direction.encode() in marks:
             raise InputError(
@@ -117,6 +125,8 @@ def correct_program(
             )
         read = language.read(text, beside)
         near = None if start is None else _start_of(start)
+        if read.controller is not None:
+            fitted = with_controller(fitted, read.controller)
         return _Correction(fitted, language, read, near).result(path, file, direction, untrained)
     except InputError as error:
         raise error if error.file is not None else error.in_file(path) from None
@@ -198,7 +208,7 @@ class _Correction:
             refused=tuple(left),
             left=self.program.left,
             notes=self.program.notes,
-            content=self.language.packed(text) if edits else file,
+            content=self.language.packed(text, file) if edits else file,
         )
 
     def _nominal(self) -> tuple[FloatArray, list[str]]:

@@ -78,6 +78,8 @@ class FramesFile(Document):
         The arm's base in the world frame; the same by default.
     tool, work : str, optional
         Those of targets that name none.
+    controller : str, optional
+        Kinematics of a Universal Robots controller: its kinematics yaml, beside the program, or ``"nominal"``.
     pulses_per_deg : tuple of float, optional
         Of a Yaskawa controller, with their signs, S to T.
     """
@@ -87,6 +89,7 @@ class FramesFile(Document):
     base: Frame = Frame(xyz_mm=(0.0, 0.0, 0.0))
     tool: Name | None = None
     work: Name | None = None
+    controller: Name | None = None
     pulses_per_deg: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)] | None = None
 
     def tool_of(self, name: str | None) -> FloatArray | None:

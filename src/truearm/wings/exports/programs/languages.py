@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+from truearm.wings.exports.programs.fanuc_ls import FanucListing
+from truearm.wings.exports.programs.polyscope import PolyScope
 from truearm.wings.exports.programs.program import Language
 from truearm.wings.exports.programs.rapid import Rapid
+from truearm.wings.exports.programs.urscript import URScript
+from truearm.wings.exports.programs.yaskawa_jbi import YaskawaJob
 
-LANGUAGES: tuple[Language, ...] = (Rapid(),)
+LANGUAGES: tuple[Language, ...] = (Rapid(), FanucListing(), YaskawaJob(), PolyScope(), URScript())
+
+# Files that are no program in a text of their own, by their endings.
+UNREADABLE = {
+    ".ls": "a Fanuc program begins with /PROG: this is a log, or a part of a program",
+    ".tp": "a program .TP is binary: save it on the controller as text (.ls)",
+}
 
 
 def language_of(data: bytes) -> Language | None:

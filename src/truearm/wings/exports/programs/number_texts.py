@@ -11,9 +11,8 @@ from truearm.wings.exports.programs.program import Language, Number, Target
 
 # The unit of the last digit is at most this share of the largest change: rounding is half of that.
 _DIGIT = 0.05
-_MOST_DECIMALS = 9
 _JOINT = re.compile(r"(?:.*\.)?[ja]\d")
-_DECIMALS = re.compile(rb"[+-]?\s*\d*\.?(\d*)")
+_DECIMALS = re.compile(rb"\s*[+-]?\s*\d*\.?(\d*)")
 
 
 def new_numbers(language: Language, target: Target, values: Mapping[str, float]) -> dict[str, bytes]:
@@ -30,9 +29,7 @@ def new_numbers(language: Language, target: Target, values: Mapping[str, float])
         decimals = max(_decimals(target.numbers[name]) for name in names)
         change = max(abs(values[name] - target.numbers[name].value) for name in names)
         if change > 0:
-            decimals = max(decimals, min(ceil(-log10(_DIGIT * change)), _MOST_DECIMALS))
-        if language.decimals is not None:
-            decimals = min(decimals, language.decimals)
+            decimals = max(decimals, min(ceil(-log10(_DIGIT * change)), language.decimals))
         for name in names:
             number = target.numbers[name]
             text = language.number_text(number, values[name], decimals)

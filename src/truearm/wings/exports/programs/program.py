@@ -53,9 +53,9 @@ class Condition(NamedTuple):
     Attributes
     ----------
     quantity : str
-        ``"J1"`` .. ``"J6"``: the joint as the controller prints it [deg]. ``"shoulder"``: how far the wrist centre is
-        in front of axis 1 [mm]. ``"elbow"``: how far it is in front of the line from axis 2 to axis 3 [mm]. See
-        `truearm.wings.exports.programs.configurations`.
+        ``"J1"`` .. ``"J6"``, ``"|J4|"``: the joint as the controller prints it [deg]. ``"shoulder"``: how far the wrist
+        centre is in front of axis 1 [mm]. ``"elbow"``: how far it is in front of the line from axis 2 to axis 3 [mm].
+        See `truearm.wings.exports.programs.configurations`.
     low, high : float
     """
 
@@ -171,13 +171,13 @@ class Language(ABC):
         With its maker, for messages.
     endings : tuple of str
         Of its files, in lower case.
-    decimals : int or None
-        The most decimals that a number may have; None: as many as needed.
+    decimals : int
+        To how many decimals a number may be extended where its change would be lost in the last digit; 0: to none.
     """
 
     title: ClassVar[str]
     endings: ClassVar[tuple[str, ...]]
-    decimals: ClassVar[int | None] = None
+    decimals: ClassVar[int] = 9
 
     @abstractmethod
     def recognises(self, data: bytes) -> bool:
@@ -241,8 +241,9 @@ class Language(ABC):
         """The text of a program from the bytes of its file."""
         return data
 
-    def packed(self, text: bytes) -> bytes:
-        """The bytes of a file from a program's text."""
+    def packed(self, text: bytes, file: bytes) -> bytes:
+        """The bytes of a new file from a program's text, packed as another file is."""
+        del file
         return text
 
 
@@ -269,8 +270,8 @@ def _line_begins(data: bytes) -> list[int]:
 
 def line_end_of(data: bytes) -> bytes:
     """The line end that a program uses first."""
-    first = min((at, end) for end in (b"\r\n", b"\n", b"\r") if (at := data.find(end)) >= 0 or end == b"\n")
-    return first[1]
+    found = re.search(rb"\r\n|\n|\r", data)
+    return b"\n" if found is None else found[0]
 
 
 def transform(R: FloatArray, position_mm: npt.ArrayLike) -> FloatArray:

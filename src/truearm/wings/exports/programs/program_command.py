@@ -11,15 +11,17 @@ from truearm.models import Compensator
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_output
 from truearm.wings.exports.programs.correct_program import MAX_BYTES, correct_program
-from truearm.wings.exports.programs.languages import language_of
+from truearm.wings.exports.programs.languages import UNREADABLE, language_of
 
 # Options of tables, which a program states itself.
 _OF_TABLES = {"language": "--as", "fanuc_j3": "--fanuc-j3", "tool": "--tool"}
 
 
 def is_program(path: Path) -> bool:
-    """Whether a file is a program of a known language."""
-    return path.is_file() and language_of(read_limited(path, limit_bytes=MAX_BYTES)) is not None
+    """Whether a file is a program: of a known language, or one that cannot be read."""
+    if not path.is_file():
+        return False
+    return path.suffix.lower() in UNREADABLE or language_of(read_limited(path, limit_bytes=MAX_BYTES)) is not None
 
 
 def run(

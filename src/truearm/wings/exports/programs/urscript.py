@@ -1,0 +1,322 @@
+"""URScript (.script): poses p[x, y, z, rx, ry, rz] in m and rad, and joints [..] in rad, that a move goes to.
+
+PolyScope writes a point twice, ``Name_p`` and ``Name_q``, and moves to ``get_inverse_kin(Name_p, qnear=Name_q)``: both
+are corrected together. Installation features, tools and tables of numbers look the same: a list of six numbers is a
+target only where a move names it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truearm.arm import Chain
+from truearm.arm.urdf_tree import MM_PER_M
+from truearm.errors import InputError
+from truearm.typing import FloatArray
+from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreement
+from truearm.wings.exports.programs.program import (
+    Edit,
+    Language,
+    LeftAlone,
+    Move,
+    MoveKind,
+    Number,
+    Program,
+    Surroundings,
+    Target,
+    inverse,
+    line_end_of,
+    line_of,
+    transform,
+)
+
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_LIST = re.compile(rf"(p?)\[\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{5}})\s*\]")
+_HIDDEN = re.compile(r"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'")
+_ASSIGNED = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*(\[[^\]\n]*\])?\s*=(?!=)\s*")
+_CALL = re.compile(r"(?<![\w.])(move[jlpc]|servo[jc]|set_tcp)\s*\(")
+_KINDS: dict[str, MoveKind] = {"movel": "linear", "movep": "linear", "movec": "circular", "servoc": "circular"}
+_OPENS = re.compile(r"^[ \t]*(?:def|thread|while|if|for)\b", re.MULTILINE)
+_ENDS = re.compile(r"(?<![\w.])end\b")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+_INVERSE = re.compile(r"get_inverse_kin\s*\((.*)\)", re.DOTALL)
+POSE = ("x", "y", "z", "rx", "ry", "rz")
+JOINTS = tuple(f"j{i}" for i in range(1, 7))
+
+
+def hidden(text: str) -> str:
+    """A program of the same length with blanks for its comments and strings."""
+    return _HIDDEN.sub(lambda found: " " * len(found[0]), text)
+
+
+class _Literal(NamedTuple):
+    """A list of six numbers: where it stands, and whether it is a pose."""
+
+    start: int
+    is_pose: bool
+    numbers: tuple[Number, ...]
+
+    @property
+    def values(self) -> list[float]:
+        return [number.value for number in self.numbers]
+
+
+def _literal(text: str, start: int, end: int | None = None) -> _Literal | None:
+    """The list that begins at a place, and fills the text to its end, if that is stated."""
+    found = _LIST.match(text, start)
+    if found is None or (end is not None and text[found.end() : end].strip()):
+        return None
+    numbers = [
+        Number(one.start(), one.end(), one[0].encode("ascii"))
+        for one in re.compile(_NUMBER).finditer(text, found.start(2), found.end(2))
+    ]
+    return _Literal(found.start(), bool(found[1]), tuple(numbers))
+
+
+def _arguments(text: str, start: int) -> list[tuple[int, int]] | None:
+    """Places of the arguments of a call whose bracket opens before `start`; None if it does not close."""
+    depth, places, first = 0, [], start
+    for at in range(start, len(text)):
+        sign = text[at]
+        if sign in "([":
+            depth += 1
+        elif sign in ")]" and depth:
+            depth -= 1
+        elif sign == ")" or (sign == "," and not depth):
+            places.append((first + len(text[first:at]) - len(text[first:at].lstrip()), at))
+            first = at + 1
+            if sign == ")":
+                return places
+    return None
+
+
+@dataclass
+class _Use:
+    """A list that moves go to, by the name of the first, and the joints that were beside it."""
+
+    name: str
+    literal: _Literal
+    near: dict[int, _Literal] = field(default_factory=dict)
+
+    def target(
+        self, line: int, near: _Literal | None, tool: FloatArray | None, no_tool: str, controller: Chain | None
+    ) -> Target | str:
+        """The target, or why it is not changed."""
+        numbers = self.literal.numbers
+        if not self.literal.is_pose:
+            named = dict(zip(JOINTS, numbers, strict=True))
+            return Target(self.name, line, named, joints=np.array(self.literal.values), T_flange_tool=tool)
+        if not any(self.literal.values):
+            return "a place-holder: all its numbers are zero"
+        if tool is None:
+            return no_tool
+        if near is None or len(self.near) > 1:
+            return "no joints say its configuration" if near is None else "it is used with several start joints"
+        T, q = pose_matrix(self.literal.values), np.array(near.values)
+        named = dict(zip(POSE, numbers, strict=True))
+        if self.near:
+            named |= zip(JOINTS, near.numbers, strict=True)
+            away = disagreement(controller, q, T @ inverse(tool))
+            if away is not None:
+                return away
+        return Target(self.name, line, named, pose=T, T_flange_tool=tool, T_base_work=np.eye(4), near=q)
+
+
+class _Reader:
+    """One pass over the moves of a program."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.text = data.decode("latin-1")
+        self.code = hidden(self.text)
+        self.variables, self.problems = self._assignments()
+        self.tools: list[_Literal | None] = []
+        self.left: list[LeftAlone] = []
+        self.uses: dict[int, _Use] = {}
+        self.moves: list[tuple[int, MoveKind, int]] = []
+        self.bases: dict[str, int] = {}
+
+    def _assignments(self) -> tuple[dict[str, list[_Literal]], dict[str, str]]:
+        """Literal lists by the names of their variables, and why a variable is none."""
+        variables: dict[str, list[_Literal]] = defaultdict(list)
+        problems: dict[str, str] = {}
+        for found in _ASSIGNED.finditer(self.code):
+            line_end = re.compile(r"[\r\n,)]|\Z").search(self.code, found.end())
+            assert line_end is not None
+            literal = None if found[2] else _literal(self.code, found.end())
+            if literal is None:
+                problems.setdefault(found[1], f"computed in line {line_of(self.data, found.start())}")
+            else:
+                variables[found[1]].append(literal)
+        return variables, problems
+
+    def line(self, at: int) -> int:
+        return line_of(self.data, at)
+
+    def read(self) -> None:
+        """Find the places of all moves."""
+        n_open = len(_OPENS.findall(self.code)) - len(_ENDS.findall(self.code))
+        if n_open > 0:
+            raise InputError(f"{n_open} blocks have no end: the program is truncated", line=self.line(len(self.data)))
+        for call in _CALL.finditer(self.code):
+            arguments = _arguments(self.code, call.end())
+            if arguments is None:
+                raise InputError(
+                    f"the call of {call[1]} does not end: the program is truncated", line=self.line(call.start())
+                )
+            words = " ".join(self.text[call.start() : arguments[-1][1] + 1].split())
+            for start, end in arguments[: 2 if call[1] == "movec" else 1]:
+                named = re.compile(r"(?:pose|q)\w*\s*=\s*").match(self.code, start, end)
+                self._take(call[1], self.line(call.start()), words, named.end() if named else start, end)
+
+    def _take(self, call: str, line: int, words: str, start: int, end: int) -> None:
+        """Take one place of a move, or a tool."""
+        inverse = _INVERSE.fullmatch(self.code[start:end].rstrip())
+        near: list[_Literal] = []
+        if inverse is not None:
+            places = _arguments(self.code, start + inverse.start(1)) or [(start, start)]
+            start, end = places[0]
+            if len(places) > 1:
+                at, stop = places[1]
+                named = re.compile(r"qnear\s*=\s*").match(self.code, at, stop)
+                found = self._lists(named.end() if named else at, stop)
+                near = [] if isinstance(found, str) else [one for one in found if not one.is_pose]
+        lists = self._lists(start, end)
+        if call == "set_tcp":
+            self.tools += [None] if isinstance(lists, str) else lists
+            return
+        if isinstance(lists, str):
+            self.left.append(LeftAlone(line, words, lists))
+            for name in _NAME.findall(self.code[start:end]):
+                self.bases.setdefault(name, line)
+            return
+        name = self.code[start:end].strip()
+        for literal in lists:
+            use = self.uses.setdefault(
+                literal.start, _Use(name if _NAME.fullmatch(name) else f"{call} in line {line}", literal)
+            )
+            use.near |= {one.start: one for one in near}
+            self.moves.append((line, _KINDS.get(call, "joint"), literal.start))
+
+    def _lists(self, start: int, end: int) -> list[_Literal] | str:
+        """The literal lists that an expression can be, or why it is none."""
+        literal = _literal(self.code, start, end)
+        if literal is not None:
+            return [literal]
+        name = self.code[start:end].strip()
+        if not _NAME.fullmatch(name):
+            return "computed at run time"
+        if name in self.problems:
+            return f"{name} is {self.problems[name]}"
+        return self.variables.get(name) or f"{name} has no value in the program"
+
+    def targets(self, beside: Surroundings, stated: StatedKinematics) -> Iterator[tuple[int, Target | LeftAlone]]:
+        """The targets in the order of the moves, by the places of their lists, and what is not changed."""
+        tool, reason = self._tool(beside)
+        before: _Literal | None = None
+        for start in dict.fromkeys(start for _, _, start in self.moves):
+            use = self.uses[start]
+            if not use.literal.is_pose:
+                before = use.literal
+            elif use.near:
+                before = next(iter(use.near.values()))
+            made: Target | str = NOT_STATED
+            if stated.is_stated:
+                made = use.target(self.line(start), before, tool, reason, stated.chain)
+            yield start, LeftAlone(self.line(start), use.name, made, is_literal=True) if isinstance(made, str) else made
+
+    def _tool(self, beside: Surroundings) -> tuple[FloatArray | None, str]:
+        """The only tool of the program, or that of the frames, and why there is none."""
+        if None in self.tools:
+            return None, "set_tcp has a tool that is computed at run time"
+        stated = {tuple(one.values): one for one in self.tools if one is not None}
+        if len(stated) > 1:
+            return None, f"set_tcp changes between {len(stated)} tools"
+        if stated:
+            return pose_matrix(next(iter(stated))), ""
+        return beside.frames.tool_of(None), "state its tool in --frames: the program has no set_tcp"
+
+    def notes(self) -> Iterator[str]:
+        """Points that others are computed from, and poses without joints."""
+        names = {use.name: use for use in self.uses.values()}
+        for name, line in self.bases.items():
+            if name in names:
+                yield f"{name} is used in a computation in line {line}: the result has the correction of {name}"
+        alone = sum(use.literal.is_pose and not use.near for use in self.uses.values())
+        if alone:
+            yield f"{alone} poses have no joints of their own: their configuration is that of the joints before them"
+
+
+def pose_matrix(numbers: Sequence[float]) -> FloatArray:
+    """(4, 4) rigid motion [mm] of x, y, z [m] and a rotation vector [rad]."""
+    return transform(Rotation.from_rotvec(numbers[3:]).as_matrix(), [MM_PER_M * one for one in numbers[:3]])
+
+
+def pose_numbers(T: FloatArray, old: Sequence[float]) -> list[float]:
+    """x, y, z [m] and rotation vector [rad] of a rigid motion [mm]: of all vectors the one nearest to the old one."""
+    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
+    angle = float(np.linalg.norm(turn)) or 1.0
+    vectors = [turn * (1 + 2 * np.pi * k / angle) for k in (0, -1, 1)]
+    nearest = min(vectors, key=lambda one: float(np.linalg.norm(one - old[3:])))
+    return [*(T[:3, 3] / MM_PER_M).tolist(), *nearest.tolist()]
+
+
+class URScript(Language):
+    """URScript of Universal Robots."""
+
+    title = "URScript of Universal Robots"
+    endings = (".script", ".urp")
+
+    def recognises(self, data: bytes) -> bool:
+        """See `Language`."""
+        text = hidden(data.decode("latin-1"))
+        return not re.search(r"^\s*(?:import|from)\s|<\w+", text, re.MULTILINE) and bool(
+            _CALL.search(text) or re.search(r"=\s*p\[", text)
+        )
+
+    def read(self, data: bytes, beside: Surroundings) -> Program:
+        """See `Language`."""
+        reader = _Reader(data)
+        reader.read()
+        stated = StatedKinematics.of(beside)
+        controller = stated.chain
+        found = dict(reader.targets(beside, stated))
+        targets = {start: one for start, one in found.items() if isinstance(one, Target)}
+        order = {start: k for k, start in enumerate(targets)}
+        left = [*reader.left, *(one for one in found.values() if isinstance(one, LeftAlone))]
+        return Program(
+            data,
+            tuple(targets.values()),
+            tuple(sorted(left)),
+            tuple(Move(line, kind, order.get(start)) for line, kind, start in reader.moves),
+            tuple(reader.notes()),
+            controller,
+        )
+
+    def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
+        """See `Language`."""
+        new: dict[str, float] = {}
+        if POSE[0] in target.numbers:
+            assert pose is not None  # of a Cartesian target
+            old = [target.numbers[name].value for name in POSE]
+            new |= zip(POSE, pose_numbers(pose, old), strict=True)
+        if JOINTS[0] in target.numbers:
+            new |= zip(JOINTS, joints.tolist(), strict=True)
+        return new
+
+    def mark(self, program: Program, words: str) -> Edit:
+        """See `Language`."""
+        return Edit(0, 0, f"# {words}".encode("latin-1") + line_end_of(program.data))
+
+    def number_text(self, number: Number, value: float, decimals: int) -> bytes:
+        """See `Language`: a zero before the point as the number has it."""
+        text = super().number_text(number, value, decimals)
+        dropped = number.text.lstrip(b"+-").startswith(b".")
+        return text.replace(b"0.", b".", 1) if dropped and abs(float(text)) < 1 else text

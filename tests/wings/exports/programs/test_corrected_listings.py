@@ -1,0 +1,311 @@
+"""Corrected programs of Fanuc, Universal Robots and Yaskawa bring the tip to the pose that the program means."""
+
+import gzip
+import re
+
+import numpy as np
+import pytest
+from made_up_listings import (
+    FRAMES,
+    PULSES,
+    TOOL,
+    WORK,
+    calibrated,
+    calibration_yaml,
+    fanuc_block,
+    fanuc_joint_block,
+    fanuc_program,
+    fitted,
+    flange_poses,
+    in_work,
+    joints_of,
+    kinematics_node,
+    old_waypoint,
+    polyscope_program,
+    polyscope_script,
+    pose_numbers,
+    waypoint,
+    yaskawa_job,
+    yaskawa_pose,
+    yaskawa_pulses,
+)
+from scipy.spatial.transform import Rotation
+
+import truearm as ta
+from truearm.arm import Chain
+from truearm.arm.inverse_kinematics import solve_inverse_kinematics
+from truearm.errors import InputError
+from truearm.wings.exports.programs.controllers import with_controller
+from truearm.wings.exports.programs.correct_program import correct_program
+from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, with_tool
+from truearm.wings.exports.targets.targets import Targets
+
+N = 40
+RPY_TOOL = (35.0, -20.0, 140.0, 0.0, np.pi / 2, 0.0)
+
+
+def corrected(tmp_path, model, content, name, frames=FRAMES, **options):
+    """The new bytes of a program, and the record of its correction."""
+    (tmp_path / name).write_bytes(content)
+    (tmp_path / "frames.toml").write_text(frames)
+    found = correct_program(model, tmp_path / name, frames=tmp_path / "frames.toml", untrained="accept", **options)
+    return found.content, found
+
+
+def tip_errors(model, planned, sent, controller=None):
+    """Distance [mm] and turn [deg] from the pose meant to that of the arm when it is sent joints of the controller."""
+    equipped = with_tool(model if controller is None else with_controller(model, controller), np.array(RPY_TOOL))
+    rows = np.arange(len(sent))
+    meant = nominal_poses(equipped).pose(planned, rows)
+    there = poses_of(equipped, Targets.of_joints(sent).session(sent)).pose(sent, rows)
+    turn = Rotation.from_matrix(np.swapaxes(meant.R_base_tip, 1, 2) @ there.R_base_tip).magnitude()
+    return np.linalg.norm(meant.tip_in_base - there.tip_in_base, axis=1), np.degrees(turn)
+
+
+def joints_at(chain, flange, start):
+    """Joints of a controller at poses of its flange, by the general inverse kinematics."""
+    plain = Chain(chain.fixed, np.zeros(3))
+    found = solve_inverse_kinematics(plain, flange[:, :3, 3], R_base_tip=flange[:, :3, :3], start=start)
+    assert found.reached.all()
+    return found.angles
+
+
+def numbers(pattern, text):
+    """Six numbers of every place of a pattern."""
+    return np.array(
+        [[float(one) for one in re.findall(r"-?\d*\.?\d+(?:[eE]-?\d+)?", found)] for found in re.findall(pattern, text)]
+    )
+
+
+def pose_of_wpr(values):
+    T = np.tile(np.eye(4), (len(values), 1, 1))
+    T[:, :3, :3] = Rotation.from_euler("xyz", values[:, 3:], degrees=True).as_matrix()
+    T[:, :3, 3] = values[:, :3]
+    return T
+
+
+def fanuc_text(arm, joints):
+    chain = fitted(arm).arm_.chain
+    blocks = [
+        fanuc_block(i, T, np.degrees(q)) for i, (T, q) in enumerate(zip(in_work(chain, joints), joints, strict=True), 1)
+    ]
+    return fanuc_program(blocks, [f"L P[{i}] 100mm/sec FINE   " for i in range(1, len(joints) + 1)])
+
+
+def yaskawa_text(arm, joints):
+    chain = fitted(arm).arm_.chain
+    lines = ["///USER 1", "///TOOL 3", "///POSTYPE USER", "///RECTAN"]
+    for i, (T, q) in enumerate(zip(in_work(chain, joints), joints, strict=True)):
+        no_flip = int(abs(np.degrees(q[3])) > 90)
+        lines += [f"///RCONF {no_flip},0,0,0,0,0,0,0", yaskawa_pose(f"C{i:05d}", T)]
+    return yaskawa_job(lines, [f"MOVL C{i:05d} V=10.0" for i in range(len(joints))])
+
+
+class TestFanuc:
+    def test_cartesian_points_bring_the_tip_to_the_pose_meant(self, tmp_path):
+        model, planned = fitted("lrmate200id"), joints_of("lrmate200id", N)
+        text, found = corrected(tmp_path, model, fanuc_text("lrmate200id", planned).encode(), "a.ls")
+        assert len(found.changes) == N
+        values = numbers(r"X =[^}]*deg", text.decode())
+        sent = joints_at(model.arm_.chain, WORK @ pose_of_wpr(values) @ np.linalg.inv(TOOL), planned)
+        mm, deg = tip_errors(model, planned, sent)
+        # Twice half of the last digit of the file, once read and once written: 1e-3 mm, and 1e-3 deg over 1 m.
+        assert mm.max() < 0.03
+        assert deg.max() < 0.005
+
+    def test_joints_count_j3_from_the_horizontal(self, tmp_path):
+        model, planned = fitted("lrmate200id"), joints_of("lrmate200id", N)
+        pendant = planned.copy()
+        pendant[:, 2] -= planned[:, 1]
+        blocks = [fanuc_joint_block(i, q) for i, q in enumerate(np.degrees(pendant), 1)]
+        moves = [f"J P[{i}:rest] 100% CNT50   " for i in range(1, N + 1)]
+        text, found = corrected(tmp_path, model, fanuc_program(blocks, moves).encode(), "a.ls")
+        assert len(found.changes) == N
+        sent = np.radians(numbers(r"J1=[^}]*deg", text.decode())[:, 1::2])
+        sent[:, 2] += sent[:, 1]
+        mm, deg = tip_errors(model, planned, sent)
+        assert mm.max() < 0.03
+        assert deg.max() < 0.005
+
+    def test_a_joint_that_crosses_half_a_turn_has_its_new_turn_in_the_configuration(self, tmp_path):
+        model, planned = fitted("lrmate200id"), joints_of("lrmate200id", 12)
+        planned[:, 5] = np.radians(180.0) * np.where(np.arange(12) % 2, -1, 1) * (1 - 1e-6)
+        text, found = corrected(tmp_path, model, fanuc_text("lrmate200id", planned).encode(), "a.ls")
+        turned = {round(change.joints[5] / (2 * np.pi)) for change in found.changes}
+        written = {int(one) for one in re.findall(r"CONFIG : 'N U T, 0, 0, (-?\d)'", text.decode())}
+        assert written == turned
+        assert len(written) > 1
+
+
+class TestYaskawa:
+    def test_poses_bring_the_tip_to_the_pose_meant(self, tmp_path):
+        model, planned = fitted("gp7"), joints_of("gp7", N)
+        text, found = corrected(tmp_path, model, yaskawa_text("gp7", planned).encode(), "a.jbi")
+        assert len(found.changes) == N
+        values = numbers(r"(?m)^C\d{5}=([^\r]*)", text.decode())
+        sent = joints_at(model.arm_.chain, WORK @ pose_of_wpr(values) @ np.linalg.inv(TOOL), planned)
+        mm, deg = tip_errors(model, planned, sent)
+        assert mm.max() < 0.003  # the digits of the file, of which the angles have four
+        assert deg.max() < 0.001
+
+    def test_pulses_stay_whole(self, tmp_path):
+        model, planned = fitted("gp7"), joints_of("gp7", N)
+        lines = ["///TOOL 3", "///POSTYPE PULSE", "///PULSE"]
+        lines += [yaskawa_pulses(f"C{i:05d}", q) for i, q in enumerate(planned)]
+        job = yaskawa_job(lines, [f"MOVJ C{i:05d} VJ=10.00" for i in range(N)])
+        text, found = corrected(tmp_path, model, job.encode(), "a.jbi")
+        assert len(found.changes) == N
+        points = re.findall(r"(?m)^C\d{5}=([^\r]*)", text.decode())
+        assert all(re.fullmatch(r"-?\d+(,-?\d+){5}", one) for one in points)
+        sent = np.radians(numbers(r"(?m)^C\d{5}=([^\r]*)", text.decode()) / PULSES)
+        mm, _ = tip_errors(model, planned, sent)
+        # A pulse of 1/700 deg is 0.025 mm at 1 m; half of it twice, for six joints.
+        assert mm.max() < 0.05
+
+
+class TestUniversalRobots:
+    def test_a_pair_of_pose_and_joints_is_corrected_together(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", N)
+        script = polyscope_script(model.arm_.chain, planned)
+        text, found = corrected(tmp_path, model, script.encode(), "a.script")
+        assert len(found.changes) == N
+        assert not found.left
+        sent = numbers(r"P_\d+_q=\[(.*)\]", text.decode())
+        mm, deg = tip_errors(model, planned, sent)
+        assert mm.max() < 1e-5  # a nanometre of rounding in twelve decimals, and the tolerance of the correction
+        assert deg.max() < 1e-6
+        poses = numbers(r"P_\d+_p=p\[(.*)\]", text.decode())
+        there = [pose_numbers(T) for T in flange_poses(model.arm_.chain, sent) @ TOOL]
+        same = Rotation.from_rotvec(poses[:, 3:]).inv() * Rotation.from_rotvec(np.array(there)[:, 3:])
+        np.testing.assert_allclose(poses[:, :3], np.array(there)[:, :3], rtol=0, atol=2e-12)
+        assert same.magnitude().max() < 1e-11
+
+    def test_the_yaml_of_the_robot_states_what_its_controller_computes_with(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", N)
+        (tmp_path / "mine.yaml").write_text(calibration_yaml())
+        frames = FRAMES.replace('"nominal"', '"mine.yaml"')
+        script = polyscope_script(calibrated(), planned)
+        text, found = corrected(tmp_path, model, script.encode(), "a.script", frames)
+        assert len(found.changes) == N
+        mm, _ = tip_errors(model, planned, numbers(r"P_\d+_q=\[(.*)\]", text.decode()), calibrated())
+        assert mm.max() < 1e-5
+        of_drawing = tip_errors(model, planned, numbers(r"P_\d+_q=\[(.*)\]", text.decode()))[0]
+        assert of_drawing.min() > 0.1  # the other meaning differs by the calibration
+
+    def test_joints_and_pose_of_other_kinematics_disagree(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", 3)
+        (tmp_path / "mine.yaml").write_text(calibration_yaml())
+        script = polyscope_script(model.arm_.chain, planned)
+        _, found = corrected(tmp_path, model, script.encode(), "a.script", FRAMES.replace('"nominal"', '"mine.yaml"'))
+        assert not found.changes
+        assert all("its joints and its pose disagree by" in one.reason for one in found.left)
+
+    @pytest.mark.parametrize("packed", [True, False])
+    def test_waypoints_are_corrected_against_the_kinematics_in_the_program(self, tmp_path, packed):
+        model, planned = fitted("ur10"), joints_of("ur10", N)
+        text = polyscope_program([waypoint(f"W_{i}", q) for i, q in enumerate(planned)]).encode()
+        new, found = corrected(tmp_path, model, gzip.compress(text, mtime=7) if packed else text, "a.urp", "")
+        assert len(found.changes) == N
+        new = gzip.decompress(new) if packed else new
+        sent = numbers(r'angles="(.*?)"', new.decode())
+        mm, deg = tip_errors(model, planned, sent, calibrated())
+        assert mm.max() < 1e-5
+        assert deg.max() < 1e-6
+        assert re.sub(rb'angles=".*?"', b"", text) == re.sub(rb'angles=".*?"|<!-- truearm .* -->', b"", new)
+
+    def test_the_poses_of_polyscope_3_follow_their_joints(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", 10)
+        feature = WORK
+        text = polyscope_program(
+            [old_waypoint(f"W_{i}", q, feature) for i, q in enumerate(planned)],
+            kinematics=kinematics_node(tag="kinematics"),
+        )
+        new, found = corrected(tmp_path, model, gzip.compress(text.encode()), "a.urp", "")
+        assert len(found.changes) == 10
+        new = gzip.decompress(new).decode()
+        sent = numbers(r'joints="(.*?)"', new)
+        assert tip_errors(model, planned, sent, calibrated())[0].max() < 1e-5
+        T = flange_poses(calibrated(), sent)
+        for pattern, expected in {
+            r'<outputFlangePose pose="(.*?)"': T,
+            r'joints=".*?" pose="(.*?)"': T @ TOOL,
+            r'<poseInFeatureCoordinates pose="(.*?)"': np.linalg.inv(feature) @ T @ TOOL,
+        }.items():
+            poses, there = numbers(pattern, new), np.array([pose_numbers(one) for one in expected])
+            turn = Rotation.from_rotvec(poses[:, 3:]).inv() * Rotation.from_rotvec(there[:, 3:])
+            np.testing.assert_allclose(poses[:, :3], there[:, :3], rtol=0, atol=1e-9)
+            assert turn.magnitude().max() < 1e-8
+
+
+def programs_of_all():
+    """A program of every kind, its arm and the ending of its name."""
+    chain = fitted("ur10").arm_.chain
+    joints = joints_of("ur10", 8)
+    return {
+        "fanuc": ("lrmate200id", fanuc_text("lrmate200id", joints_of("lrmate200id", 8)), "a.ls"),
+        "yaskawa": ("gp7", yaskawa_text("gp7", joints_of("gp7", 8)), "a.jbi"),
+        "script": ("ur10", polyscope_script(chain, joints), "a.script"),
+    }
+
+
+@pytest.mark.parametrize("kind", ["fanuc", "yaskawa", "script"])
+class TestEveryLanguage:
+    def test_a_model_that_equals_the_nominal_arm_changes_no_byte(self, tmp_path, kind):
+        arm, text, name = programs_of_all()[kind]
+        new, found = corrected(tmp_path, fitted(arm, "nominal"), text.encode(), name)
+        assert len(found.changes) == 8
+        assert new == text.encode()
+
+    def test_the_reverse_gives_the_program_back(self, tmp_path, kind):
+        arm, text, name = programs_of_all()[kind]
+        new, _ = corrected(tmp_path, fitted(arm), text.encode(), name)
+        back, _ = corrected(tmp_path, fitted(arm), new, f"b{name[1:]}", direction="feedback")
+        assert len(back.splitlines()) == len(text.encode().splitlines())
+        pattern = rb"-?\d*\.\d+"
+        assert re.sub(pattern, b"#", back) == re.sub(pattern, b"#", text.encode())
+        old, again = (np.array([float(one) for one in re.findall(pattern, one)]) for one in (text.encode(), back))
+        assert np.abs(old - again).max() < 5e-3  # digits lost twice; orientations near a lock lose more
+
+    def test_only_bytes_of_numbers_and_the_mark_change(self, tmp_path, kind):
+        arm, text, name = programs_of_all()[kind]
+        new, found = corrected(tmp_path, fitted(arm), text.encode(), name)
+        lines = [line for line in new.splitlines(keepends=True) if b"truearm command" not in line]
+        pattern = rb"-?\d*\.\d+"
+        old, rest = (re.sub(rb" +", b" ", re.sub(pattern, b"#", one)) for one in (text.encode(), b"".join(lines)))
+        assert rest == old
+        assert found.summary().startswith("8 of 8 targets corrected")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "what"),
+    [
+        ("errall.ls", b"ERRALL.LS      Robot Name ROBOT\r\n1 28-NOV-26 RESET\r\n", "begins with /PROG: this is a log"),
+        ("main.tp", b"\x00\x01MAIN\x00\xff\xfe", "is binary: save it on the controller as text"),
+        ("a.txt", b"nothing\n", "a program of ABB RAPID, "),
+    ],
+)
+def test_a_file_that_is_no_program_is_refused_with_what_is_one(tmp_path, name, content, what):
+    with pytest.raises(InputError, match="a program of no known language") as caught:
+        corrected(tmp_path, fitted("lrmate200id"), content, name)
+    assert what in caught.value.hint
+
+
+def test_targets_that_truearm_corrected_into_a_language_are_not_corrected_again(tmp_path):
+    model = fitted("ur10")
+    ta.correct(model, joints_of("ur10", 3), untrained="accept").save(tmp_path / "a.script", language="urscript")
+    with pytest.raises(InputError, match="they are corrected already"):
+        corrected(tmp_path, model, (tmp_path / "a.script").read_bytes(), "b.script")
+
+
+@pytest.mark.parametrize("kind", ["fanuc", "yaskawa", "script"])
+def test_a_program_is_not_corrected_twice(tmp_path, kind):
+    arm, text, name = programs_of_all()[kind]
+    new, _ = corrected(tmp_path, fitted(arm), text.encode(), name)
+    with pytest.raises(InputError, match="twice would double the correction"):
+        corrected(tmp_path, fitted(arm), new, name)
+
+
+def test_the_kinematics_of_another_robot_are_refused(tmp_path):
+    text = polyscope_program([waypoint("W_1", joints_of("ur10", 1)[0])]).replace("-0.6063", "-0.4063")
+    with pytest.raises(InputError, match="mm from those of 'ur10'"):
+        corrected(tmp_path, fitted("ur10"), text.encode(), "a.urp", "")
