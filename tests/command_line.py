@@ -1,11 +1,9 @@
 """The command line as a user has it: arguments in, exit code and two streams out."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
@@ -16,6 +14,8 @@ import typer
 
 from truearm.command_line import COMMANDS, make_app, run
 
+CHECKOUT = Path(__file__).resolve().parents[1]
+
 
 @dataclass(frozen=True)
 class Ran:
@@ -24,6 +24,16 @@ class Ran:
     code: int
     out: str
     err: str
+
+    def done(self) -> "Ran":
+        """This run, which ended well and has nothing on standard error."""
+        assert (self.code, self.err) == (0, ""), self
+        return self
+
+    def refused(self) -> "Ran":
+        """This run, which was refused and has nothing on standard output."""
+        assert (self.code, self.out) == (2, ""), self
+        return self
 
 
 class Terminal(io.StringIO):
@@ -104,6 +114,25 @@ def truearm() -> Callable[..., Ran]:
 def snapshot() -> Callable[[Path], dict[str, bytes | None]]:
     """Everything in a folder and below, to compare with later."""
     return contents
+
+
+@pytest.fixture
+def refused(tmp_path: Path) -> Callable[..., str]:
+    """Run; expect a refusal that holds every one of some phrases, and that no file of the test is touched."""
+
+    def check(arguments: Iterable[object], *phrases: str) -> str:
+        folders = {tmp_path, Path.cwd()} - {CHECKOUT}
+        before = [contents(folder) for folder in folders]
+        said = truearm_run(*arguments).refused().err
+        first, *others = said.splitlines()
+        assert first.startswith("truearm: ")
+        assert not others or first.endswith(" faults"), said  # which are listed, a line each
+        for phrase in phrases:
+            assert phrase in said, said
+        assert [contents(folder) for folder in folders] == before
+        return said
+
+    return check
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """A test plan that a laboratory has confirmed against its copy of the standard."""
 
-from __future__ import annotations
-
 import datetime
 
 from truearm.wings.laboratory.standards.verification_plan import VerificationPlan

@@ -1,7 +1,5 @@
 """Fixtures for all tests."""
 
-from __future__ import annotations
-
 import datetime
 import os
 import sys
@@ -14,9 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from command_line import made, snapshot, truearm
+from command_line import made, refused, snapshot, truearm
 
-__all__ = ["made", "snapshot", "truearm"]  # fixtures for all
+__all__ = ["made", "refused", "snapshot", "truearm"]  # fixtures for all
 
 # The benchmarks beside the tests make inputs of some of them; last, so that no folder here hides a package.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
@@ -36,6 +34,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("weekly"):
             item.add_marker("slow")
+
+
+@pytest.fixture(scope="session")
+def ur10_session():
+    """Sixty readings of a virtual UR10."""
+    import truearm as ta
+
+    return ta.simulate("ur10", poses=60, seed=1).session
+
+
+@pytest.fixture(scope="session")
+def ur10_model(ur10_session):
+    """The kinematic model of it."""
+    import truearm as ta
+
+    return ta.fit("ur10", ur10_session, model="kinematic").model
 
 
 @pytest.fixture(scope="session")

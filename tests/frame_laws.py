@@ -1,7 +1,5 @@
 """Law of a result that is a table: its DataFrame has a row for each line of it, and states the unit of each number."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from truearm.verbs.record import TableRecord

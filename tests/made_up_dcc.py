@@ -1,7 +1,5 @@
 """Certificates of made-up laboratories, written by hand in the forms of DCC 3.1, 3.2 and 3.3 with D-SI 2.1 and 2.2."""
 
-from __future__ import annotations
-
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <dcc:digitalCalibrationCertificate xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xmlns:dcc="https://ptb.de/dcc"
   xmlns:si="https://ptb.de/si" xsi:schemaLocation="https://ptb.de/dcc https://ptb.de/dcc/v{version}/dcc.xsd"

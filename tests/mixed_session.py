@@ -1,7 +1,5 @@
 """Readings of an arm that differs from its drawing, with references of many kinds; all of it drawn."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

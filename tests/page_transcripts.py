@@ -1,16 +1,38 @@
 """Pages whose commands are run: their blocks, and whether a command printed what its page shows."""
 
-from __future__ import annotations
-
 import re
 import shlex
+from pathlib import Path
 
 import pytest
 
-BLOCK = re.compile(r"^```(\w+) ?(\S*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+DOCS = Path(__file__).parents[1] / "docs"
+BLOCK = re.compile(r"^```(\w+) ?([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 # A pose that inverse kinematics finds on one processor it may miss on another: the plan differs, and the fit with it.
 SHARE = 0.5
+
+
+def blocks(page, kind):
+    """The blocks of a page of the guide of this kind, as "python" or "toml mpe"."""
+    found = BLOCK.findall((DOCS / page).read_text(encoding="utf-8"))
+    return [text for language, name, text in found if f"{language} {name}".strip() == kind]
+
+
+def block(page, kind):
+    """The one block of this kind."""
+    (text,) = blocks(page, kind)
+    return text
+
+
+def walk(truearm, text):
+    """Run the commands of a block; what is shown below a command is what it prints, anything in place of "..."."""
+    for (program, *arguments), shown in commands(text):
+        assert program == "truearm"
+        ran = truearm(*arguments)
+        assert ran.code == 0, (arguments, ran.err)
+        if shown:
+            assert re.fullmatch(re.escape("\n".join(shown)).replace(r"\.\.\.", "(?s:.*?)"), ran.out.strip()), ran.out
 
 
 def commands(block):

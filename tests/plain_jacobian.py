@@ -1,7 +1,5 @@
 """The Jacobian of a least-squares problem as a matrix, which the normal equations do without."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from truearm.identification.estimation.perturbed_chain import chunks

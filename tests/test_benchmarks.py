@@ -1,7 +1,5 @@
 """Laws of the benchmarks: every command that is named somewhere exists, and a run states machine, rows and targets."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import itertools

@@ -1,7 +1,5 @@
 """Laws of CONTRIBUTING's table: new parts touch few files, and every export format has its page and its test."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Laws of the guide's figures: what a page quotes is what its benchmark gave."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from pathlib import Path

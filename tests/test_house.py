@@ -1,7 +1,5 @@
 """Laws of the house itself: imports, public names, the README's commands, what must never be in it."""
 
-from __future__ import annotations
-
 import ast
 import graphlib
 import importlib

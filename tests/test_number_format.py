@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.number_format import (
     MINUS,
     THIN_SPACE,
@@ -70,13 +70,11 @@ def test_a_chosen_number_keeps_its_digits(value, shown):
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), "0.1", None, True, [1.0]])
 def test_what_is_no_finite_number_is_refused(bad):
-    with pytest.raises(InputError, match="expected a finite number"):
-        format_number(bad)
+    refuses("expected a finite number", format_number, bad)
 
 
 def test_negative_uncertainty_is_refused():
-    with pytest.raises(InputError, match=r"zero or more, got -0\.1"):
-        format_uncertainty(-0.1)
+    refuses(r"zero or more, got -0\.1", format_uncertainty, -0.1)
 
 
 @given(st.floats(-1e4, 1e4), st.floats(1e-4, 1e2))

@@ -1,7 +1,5 @@
 """Laws of `import truearm`: it is quick, lists every name, and every name is documented with an example that runs."""
 
-from __future__ import annotations
-
 import ast
 import doctest
 import inspect

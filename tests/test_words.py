@@ -1,7 +1,5 @@
 """The language of the house: the terms of `docs/glossary.md`, not the dialect that the project once grew."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from refusals import refuses
 from truearm.arm import list_arms, load_arm, read_urdf, write_arm
 from truearm.arm.catalogue import known_name, maker_of
-from truearm.errors import InputError
 
 DOCUMENTED = Path(__file__).parents[2] / "docs" / "arms.md"
 POSES = tomllib.loads((Path(__file__).parent / "catalogue_poses.toml").read_text("utf-8"))
@@ -238,18 +238,12 @@ def test_a_search_needs_all_its_words():
 
 
 def test_an_unknown_arm_is_refused_with_the_nearest_names():
-    with pytest.raises(InputError, match=r"no arm 'ur15' in the catalogue of \d+ arms.*Try: ur\d+e? or ur"):
-        load_arm("ur15")
-    with pytest.raises(InputError, match=r"no arm 'IRB 2600'.*Try: irb2600-12-165"):
-        load_arm("IRB 2600")
-    with pytest.raises(
-        InputError, match=r"no arm 'xyzzy'.*Try: truearm arms lists all; or give the path of an arm file"
-    ):
-        load_arm("xyzzy")
+    refuses(r"no arm 'ur15' in the catalogue of \d+ arms.*Try: ur\d+e? or ur", load_arm, "ur15")
+    refuses(r"no arm 'IRB 2600'.*Try: irb2600-12-165", load_arm, "IRB 2600")
+    refuses(r"no arm 'xyzzy'.*Try: truearm arms lists all; or give the path of an arm file", load_arm, "xyzzy")
 
 
 @pytest.mark.parametrize("text", ["mine.toml", "folder/mine", "../ur5", "mine.urdf"])
 def test_what_looks_like_a_path_is_a_path(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"does not exist|ends in .toml, .urdf or .yaml"):
-        load_arm(text)
+    refuses(r"does not exist|ends in .toml, .urdf or .yaml", load_arm, text)

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from refusals import refuses
 from truearm.arm import Chain, chain_from_dh, exponential_derivative, load_arm
 from truearm.arm.chain import CHUNK
-from truearm.errors import InputError
 
 # Rounding of a dozen products of numbers up to some thousand mm: 1e-12 mm; three orders above it.
 ROUNDING_MM = 1e-9
@@ -289,18 +289,14 @@ def mirror() -> np.ndarray:
     ],
 )
 def test_what_is_no_chain_is_refused(arguments, message):
-    with pytest.raises(InputError, match=message.replace("(", r"\(").replace(")", r"\)").replace("+", r"\+")):
-        Chain(*arguments)
+    refuses(message.replace("(", r"\(").replace(")", r"\)").replace("+", r"\+"), Chain, *arguments)
 
 
 def test_wrong_shapes_are_named():
     chain = random_chain(0)
-    with pytest.raises(InputError, match=r"angles of shape \(n, 5\), one column a joint, got \(3, 4\)"):
-        chain.tip_in_base(np.zeros((3, 4)))
-    with pytest.raises(InputError, match=r"motions of shape \(3, 7, 6\), got \(3, 6\)"):
-        chain.tip_in_base(np.zeros((3, 5)), np.zeros((3, 6)))
-    with pytest.raises(InputError, match=r"motions of shape \(7, 6\), got \(6,\)"):
-        chain.with_motions(np.zeros(6))
+    refuses(r"angles of shape \(n, 5\), one column a joint, got \(3, 4\)", chain.tip_in_base, np.zeros((3, 4)))
+    refuses(r"motions of shape \(3, 7, 6\), got \(3, 6\)", chain.tip_in_base, np.zeros((3, 5)), np.zeros((3, 6)))
+    refuses(r"motions of shape \(7, 6\), got \(6,\)", chain.with_motions, np.zeros(6))
 
 
 def test_a_chain_cannot_be_changed_behind_its_back():

@@ -1,7 +1,5 @@
 """Finite motions in the chain: derivatives by their components, constant or from pose to pose, in pieces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

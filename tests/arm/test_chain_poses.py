@@ -1,7 +1,5 @@
 """Poses with finite motions at every place, and their derivatives by joints and motions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

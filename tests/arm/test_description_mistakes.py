@@ -1,7 +1,5 @@
 """What people get wrong in arm files: every mistake changes the arm, and the file's own table is the one meant."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Zeros that are added to an arm are those that its table shows, of arms from tables and from URDF."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import chain_from_dh, read_ur_kinematics
 from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.arm.ur_kinematics import JOINTS, LINKS, ur_hash
-from truearm.errors import InputError
 from truearm.files.yaml_reader import MAX_DEPTH, parse_yaml
 from truearm.wings.exports.formats.joint_offsets import yaml_number
 from truearm.wings.exports.formats.ur_kinematics import ur_kinematics_text
@@ -276,23 +276,18 @@ def test_the_two_readings_of_a_ur5e_differ_by_millimetres(tmp_path):
 )
 def test_a_bad_file_is_refused_with_its_place(tmp_path, change, message):
     path = written(tmp_path, change(UR5E))
-    with pytest.raises(InputError, match=message) as refused:
-        ta.load_arm(path)
-    assert refused.value.file == path
+    assert refuses(message, ta.load_arm, path).file == path
 
 
 def test_a_file_that_is_not_there_or_of_another_kind(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
-        ta.load_arm(tmp_path / "none.yaml")
-    with pytest.raises(InputError, match=r"an arm file ends in .toml, .urdf or .yaml, got '.json'"):
-        ta.load_arm(written(tmp_path, "{}", "arm.json"))
+    refuses("does not exist", ta.load_arm, tmp_path / "none.yaml")
+    refuses(r"an arm file ends in .toml, .urdf or .yaml, got '.json'", ta.load_arm, written(tmp_path, "{}", "arm.json"))
 
 
 def test_a_file_without_a_hash_is_an_arm_without_one(tmp_path):
     arm = ta.load_arm(written(tmp_path, UR5E[: UR5E.index("  hash")]))
     assert ur_hash(arm) is None
-    with pytest.raises(InputError, match="expected a hash as calib_"):
-        ur_kinematics_text(arm.chain.fixed[:6], "calib_\n  x: 1")
+    refuses("expected a hash as calib_", ur_kinematics_text, arm.chain.fixed[:6], "calib_\n  x: 1")
 
 
 @pytest.mark.parametrize("value", [0.0, -0.0, 1e-5, -1e-5, 1e-300, 0.1, 2 / 3, 1e22, 12345678901234567.0])
@@ -307,5 +302,4 @@ def test_numbers_are_numbers_in_every_yaml(value):
 
 def test_depth_is_bounded():
     parse_yaml(b"[" * MAX_DEPTH + b"]" * MAX_DEPTH)
-    with pytest.raises(InputError, match="levels"):
-        parse_yaml(b"[" * (MAX_DEPTH + 1) + b"]" * (MAX_DEPTH + 1))
+    refuses("levels", parse_yaml, b"[" * (MAX_DEPTH + 1) + b"]" * (MAX_DEPTH + 1))

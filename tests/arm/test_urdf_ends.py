@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import Chain, load_arm, read_urdf
 from truearm.errors import InputError
 
@@ -134,8 +135,7 @@ def test_wheels_a_head_and_a_lift_do_not_hide_the_arm(tmp_path):
 
 def test_of_two_arms_one_must_be_named(tmp_path):
     parts = ["revolute waist base_link torso", *chain(7, "left_", "torso"), *chain(7, "right_", "torso")]
-    with pytest.raises(InputError, match=r"2 arms .* tips left_link_7, right_link_7.* FILE\.urdf::left_link_7"):
-        read(tmp_path, *parts)
+    refuses(r"2 arms .* tips left_link_7, right_link_7.* FILE\.urdf::left_link_7", read, tmp_path, *parts)
     assert read_urdf(tmp_path / "robot.urdf", tip="right_link_7").joint_names[1] == "right_j1"
     assert read_urdf(tmp_path / "robot.urdf", base="left_link_1").n_joints == 6
 
@@ -149,7 +149,6 @@ def test_limits_of_zero_are_none(tmp_path):
 def test_a_file_named_xacro_has_the_way_to_a_urdf(tmp_path):
     path = tmp_path / "robot.urdf.xacro"
     path.write_text("<robot name='r' xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:macro name='m'/></robot>")
-    with pytest.raises(InputError, match="xacrodoc FILE.xacro -o robot.urdf"):
-        load_arm(path)
+    refuses("xacrodoc FILE.xacro -o robot.urdf", load_arm, path)
     path.write_text(robot(*INDUSTRIAL))
     assert load_arm(path).n_joints == 6

@@ -1,7 +1,5 @@
 """Files that appear whole or not at all: on the disk, readable, with the rights they had, and nothing beside them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -9,6 +7,7 @@ import sys
 
 import pytest
 
+from refusals import refuses
 from truearm.errors import InputError, ProgramFault
 from truearm.files.atomic_write import PART, atomic_file, check_new_file
 
@@ -131,10 +130,7 @@ def test_a_new_file_replaces_none_without_force(tmp_path):
     path = tmp_path / "a.csv"
     check_new_file(path, endings=(".csv",))
     path.write_text("readings of a whole day")
-    with pytest.raises(InputError, match=r"the file exists already\. Try: another name, or --force to replace it"):
-        check_new_file(path)
+    refuses(r"the file exists already\. Try: another name, or --force to replace it", check_new_file, path)
     check_new_file(path, force=True)
-    with pytest.raises(InputError, match=r"ends in \.csv"):
-        check_new_file(tmp_path / "plan.xlsx", endings=(".csv",))
-    with pytest.raises(InputError, match="does not exist"):
-        check_new_file(tmp_path / "nowhere" / "plan.csv")
+    refuses(r"ends in \.csv", check_new_file, tmp_path / "plan.xlsx", endings=(".csv",))
+    refuses("does not exist", check_new_file, tmp_path / "nowhere" / "plan.csv")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.files.delimited import append_rows, escape_formula, read_columns, write_columns
 from truearm.files.spreadsheet_forms import read_form
 
@@ -54,17 +54,14 @@ def test_other_cells_are_written_as_they_are(cell):
 def test_lines_are_counted_whatever_they_end_in(tmp_path, end, mark):
     path = tmp_path / "table.csv"
     path.write_bytes((mark + end.join(["a,b", "1,x", "2,y", "three,z"]) + end).encode())
-    with pytest.raises(InputError, match="expected a number, got 'three'") as caught:
-        read_columns(read_form(path), [0])
-    assert (caught.value.line, caught.value.column) == (4, "a")
+    caught = refuses("expected a number, got 'three'", read_columns, read_form(path), [0])
+    assert (caught.line, caught.column) == (4, "a")
 
 
 def test_a_quotation_mark_that_is_never_closed_is_found_where_it_opens(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text('a,b\n1,x\n2,"y\n' + "3,z\n" * 50_000)
-    with pytest.raises(InputError, match="quotation mark") as caught:
-        read_columns(read_form(path), [0])
-    assert caught.value.line == 3
+    assert refuses("quotation mark", read_columns, read_form(path), [0]).line == 3
 
 
 @given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
@@ -79,13 +76,11 @@ def test_a_decimal_comma_is_one_and_a_point_is_not(tmp_path):
     path.write_text("a;b\n1,5;-0,25e1\n")
     assert read_columns(read_form(path), [0, 1])[0].tolist() == [[1.5, -2.5]]
     path.write_text("a;b\n1,5;2\n1.5;2\n")
-    with pytest.raises(InputError, match="decimal ',', got '1.5'"):
-        read_columns(read_form(path), [0, 1])
+    refuses("decimal ',', got '1.5'", read_columns, read_form(path), [0, 1])
 
 
 def test_a_header_without_rows_is_refused_at_its_line(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text("a,b\n")
-    with pytest.raises(InputError, match="expected at least one row of numbers, got none") as refused:
-        read_columns(read_form(path), [0, 1], [])
-    assert (refused.value.file, refused.value.line) == (path, 1)
+    refused = refuses("expected at least one row of numbers, got none", read_columns, read_form(path), [0, 1], [])
+    assert (refused.file, refused.line) == (path, 1)

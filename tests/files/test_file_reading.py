@@ -8,6 +8,7 @@ import socket
 
 import pytest
 
+from refusals import refuses
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -63,17 +64,14 @@ def test_what_is_no_ordinary_file_is_refused(read, suffix, special):
     path, said = special(suffix)
     if str(path) == "/dev/zero" and read is load_arm:
         pytest.skip("an arm file is known by its suffix")
-    with pytest.raises(InputError, match=said) as caught:
-        read(path)
-    assert str(caught.value.file) == str(path)
+    assert str(refuses(said, read, path).file) == str(path)
 
 
 def test_a_file_of_the_largest_size_is_read_and_a_larger_one_refused(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(b"12345678")
     assert read_limited(path, limit_bytes=8) == b"12345678"
-    with pytest.raises(InputError, match="larger than"):
-        read_limited(path, limit_bytes=7)
+    refuses("larger than", read_limited, path, limit_bytes=7)
 
 
 def test_a_link_to_a_file_is_read(tmp_path):
@@ -83,13 +81,11 @@ def test_a_link_to_a_file_is_read(tmp_path):
 
 
 def test_a_name_that_no_file_can_have_is_refused():
-    with pytest.raises(InputError, match="cannot be read"):
-        read_limited("a\0b", limit_bytes=100)
+    refuses("cannot be read", read_limited, "a\0b", limit_bytes=100)
 
 
 def test_the_remedy_for_a_missing_file_is_that_of_the_caller(tmp_path):
-    with pytest.raises(InputError, match="Try: write it first"):
-        read_limited(tmp_path / "none", limit_bytes=1, hint="write it first")
+    refuses("Try: write it first", read_limited, tmp_path / "none", limit_bytes=1, hint="write it first")
 
 
 def test_nothing_is_written_to_what_is_no_ordinary_file(special):

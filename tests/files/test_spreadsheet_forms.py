@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.files.delimited import read_columns, write_columns
 from truearm.files.spreadsheet_forms import read_form
@@ -67,25 +68,21 @@ def test_one_number_that_has_no_other_meaning_tells_the_decimal_sign(tmp_path, d
 
 
 def test_a_comma_that_may_separate_thousands_is_refused_with_both_meanings(tmp_path):
-    with pytest.raises(InputError, match=r"'-1,234', which may be -1\.234 or -1234") as caught:
-        read_form(form(tmp_path, "seat;b\nA;12\nB;-1,234\n"))
-    assert (caught.value.line, caught.value.column) == (3, "b")
-    assert "write -1,2340" in caught.value.hint
+    caught = refuses(r"'-1,234', which may be -1\.234 or -1234", read_form, form(tmp_path, "seat;b\nA;12\nB;-1,234\n"))
+    assert (caught.line, caught.column) == (3, "b")
+    assert "write -1,2340" in caught.hint
 
 
 @pytest.mark.parametrize("other", ["1,234.5", "1,234,567", "2.5"])
 def test_thousands_separators_are_refused(tmp_path, other):
     sheet = read_form(form(tmp_path, f"a;b\n1,234;{other}\n"))
-    with pytest.raises(InputError, match="expected a number") as caught:
-        read_columns(sheet, [0, 1])
-    assert caught.value.line == 2
+    assert refuses("expected a number", read_columns, sheet, [0, 1]).line == 2
 
 
 def test_both_decimal_signs_in_one_form_are_refused_at_the_second(tmp_path):
-    with pytest.raises(InputError, match=r"decimal ',', got '2\.5'") as caught:
-        read_columns(read_form(form(tmp_path, "a;b\n1,5;2\n3;2.5\n")), [0, 1])
-    assert (caught.value.line, caught.value.column) == (3, "b")
-    assert caught.value.hint == "write all numbers with the same decimal sign"
+    caught = refuses(r"decimal ',', got '2\.5'", read_columns, read_form(form(tmp_path, "a;b\n1,5;2\n3;2.5\n")), [0, 1])
+    assert (caught.line, caught.column) == (3, "b")
+    assert caught.hint == "write all numbers with the same decimal sign"
 
 
 def test_a_cell_below_no_name_is_refused(tmp_path):
@@ -95,12 +92,9 @@ def test_a_cell_below_no_name_is_refused(tmp_path):
 
 
 def test_between_commas_only_utf8_and_decimal_points_are_read(tmp_path):
-    with pytest.raises(InputError, match="expected text in utf-8"):
-        read_form(form(tmp_path, "a,b\n1,büchse\n".encode("cp1252")))
-    with pytest.raises(InputError, match=r"decimal '\.', got '1,5'"):
-        read_columns(read_form(form(tmp_path, 'a,b\n"1,5",2\n')), [0, 1])
+    refuses("expected text in utf-8", read_form, form(tmp_path, "a,b\n1,büchse\n".encode("cp1252")))
+    refuses(r"decimal '\.', got '1,5'", read_columns, read_form(form(tmp_path, 'a,b\n"1,5",2\n')), [0, 1])
 
 
 def test_bytes_that_windows_does_not_know_are_refused(tmp_path):
-    with pytest.raises(InputError, match="expected text in cp1252"):
-        read_form(form(tmp_path, b"a;b\n1;b\x81\n"))
+    refuses("expected text in cp1252", read_form, form(tmp_path, b"a;b\n1;b\x81\n"))

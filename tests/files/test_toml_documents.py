@@ -1,7 +1,5 @@
 """TOML documents: every fault is reported with its key, in the terms of the file, and with a remedy."""
 
-from __future__ import annotations
-
 import datetime
 import tomllib
 from typing import Annotated, Literal
@@ -9,6 +7,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
+from refusals import refuses
 from truearm.errors import MOST_FAULTS, InputError
 from truearm.files.toml_documents import AS_TOML, MOST_KEYS, NotNegative, Positive, load_toml, parse_toml
 
@@ -40,9 +39,7 @@ class Box(BaseModel):
 
 
 def refusal(text: str | bytes) -> InputError:
-    with pytest.raises(InputError) as refused:
-        parse_toml(text if isinstance(text, bytes) else text.encode(), Box)
-    return refused.value
+    return refuses(None, parse_toml, text if isinstance(text, bytes) else text.encode(), Box)
 
 
 @pytest.mark.parametrize(

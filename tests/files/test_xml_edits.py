@@ -1,7 +1,5 @@
 """Edits in place: what is set is read back by a parser, and every other byte stays."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import pytest

@@ -1,7 +1,5 @@
 """Sums over readings: parts add up, correlated readings are worth less, and the uncertainty says so."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Arms a little off their drawing, and what is measured with them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

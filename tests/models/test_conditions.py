@@ -1,14 +1,12 @@
 """The uncertainty of the day of the readings (repeatability) beside that of any day (reproducibility)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.identification.judgement.day_to_day import BASE_SHIFT_SHARE, COMPONENTS, SHIFT_SHARE, TILT_STD
 from truearm.identification.judgement.expansion_prior import _with_constants
 from truearm.identification.terms import Constant
@@ -168,5 +166,4 @@ def test_verbs_state_what_is_asked_for(model, test_session):
 
 
 def test_a_preset_has_one_uncertainty():
-    with pytest.raises(InputError, match="conditions are for a model"):
-        ta.task("shop", "length", 300, n_arms=100, conditions="repeatability")
+    refuses("conditions are for a model", ta.task, "shop", "length", 300, n_arms=100, conditions="repeatability")

@@ -1,7 +1,5 @@
 """Fingerprints of data: all that identification learns from is in them, and nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from pathlib import Path
 

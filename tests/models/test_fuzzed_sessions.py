@@ -1,7 +1,5 @@
 """Sessions of any make: a model is fitted and sound, or the session is refused; nothing warns, nothing crashes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

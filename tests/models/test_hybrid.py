@@ -1,15 +1,13 @@
 """The hybrid model: what its networks learn, its held-out errors and uncertainty, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.models import HybridModel, KinematicModel, NominalModel, load_model
 from truearm.models.hybrid import _scatter, _share_of_mean
 from truearm.models.residual_inputs import ResidualInputs
@@ -238,15 +236,13 @@ def test_the_result_of_fit_names_networks_and_errors(arm, train):
     ],
 )
 def test_options_that_no_fit_could_follow_are_refused(options, problem, arm, train):
-    with pytest.raises(InputError, match=problem):
-        HybridModel(arm, **options).fit_readings(train)
+    refuses(problem, HybridModel(arm, **options).fit_readings, train)
 
 
 def test_readings_without_points_are_refused(arm, train):
     points = train.points.copy()
     points[3] = np.nan
-    with pytest.raises(InputError, match="reference point at every reading"):
-        HybridModel(arm).fit_readings(replace(train, points=points))
+    refuses("reference point at every reading", HybridModel(arm).fit_readings, replace(train, points=points))
 
 
 def test_inputs_are_those_that_vary(rng):
@@ -271,8 +267,7 @@ def test_a_temperature_that_follows_the_order_of_the_readings_is_no_input(course
     angles, slides = rng.uniform(-1, 1, (n, 3)), np.zeros(3, bool)
     assert not ResidualInputs.of(angles, degC, slides).has_temperature
     assert ResidualInputs.of(angles, rng.permutation(degC), slides).has_temperature
-    with pytest.raises(InputError, match="no joint moves"):
-        ResidualInputs.of(np.zeros((20, 3)), None, slides)
+    refuses("no joint moves", ResidualInputs.of, np.zeros((20, 3)), None, slides)
 
 
 def test_scatter_and_the_share_of_the_mean_by_hand():

@@ -1,7 +1,5 @@
 """Hysteresis from end to end: planted in a virtual arm, through a session file, found, saved and predicted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

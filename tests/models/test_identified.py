@@ -1,13 +1,12 @@
 """Models of identified terms: what they recover, what they hold out, how sure they are, what they refuse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from refusals import refuses
 from truearm.acceptance import accepting
 from truearm.arm import load_arm
 from truearm.arm.arm import Arm
@@ -344,21 +343,17 @@ def test_without_a_point_the_frame_is_the_arms_own(real, rng):
 def test_what_cannot_be_learned_from_is_refused_with_the_reason(real, rng):
     held, seen = real.held(rng), real.points(20, rng)
     model = KinematicModel(real.arm)
-    with pytest.raises(InputError, match="expected reference points .*, the readings have none"):
-        model.fit_readings(Session(seen.angles))
+    refuses("expected reference points .*, the readings have none", model.fit_readings, Session(seen.angles))
     with pytest.raises(InputError, match="seats of two readings or more"):
         model.fit_readings(Session(seen.angles, seat=np.array([f"s{i}" for i in range(20)])))
     few = np.full((20, 3), np.nan)
     few[:3] = seen.points[:3]
-    with pytest.raises(InputError, match="expected 4 or more readings with a reference, got 3"):
-        model.fit_readings(Session(seen.angles, few))
+    refuses("expected 4 or more readings with a reference, got 3", model.fit_readings, Session(seen.angles, few))
     with pytest.raises(InputError, match="lengths are between seats, and the readings name no seats"):
         model.fit_readings(seen, lengths=real.lengths())
     foreign = Lengths(np.array(["S1"]), np.array(["elsewhere"]), np.array([100.0]), np.array([0.01]))
-    with pytest.raises(InputError, match="no seat 'elsewhere'"):
-        model.fit_readings(held, lengths=foreign)
-    with pytest.raises(InputError, match="readings of 6 joints"):
-        model.fit_readings(Session(seen.angles[:, :5], seen.points))
+    refuses("no seat 'elsewhere'", model.fit_readings, held, lengths=foreign)
+    refuses("readings of 6 joints", model.fit_readings, Session(seen.angles[:, :5], seen.points))
 
 
 def test_a_network_needs_a_point_at_every_reading(real, rng):
@@ -368,10 +363,8 @@ def test_a_network_needs_a_point_at_every_reading(real, rng):
     network = NetworkModel(real.arm, hidden=(3,), epochs=2)
     with pytest.raises(InputError, match="reference point at every reading, 1 of 40 have none.*Try: readings.rows"):
         network.fit_readings(Session(readings.angles, points))
-    with pytest.raises(InputError, match="expected reference points"):
-        network.fit_readings(real.held(rng))
-    with pytest.raises(InputError, match="expected reference points"):
-        network.fit_readings(Session(readings.angles))
+    refuses("expected reference points", network.fit_readings, real.held(rng))
+    refuses("expected reference points", network.fit_readings, Session(readings.angles))
 
 
 def test_nothing_free_and_no_terms_measure_the_arm_as_drawn(real, rng):

@@ -1,7 +1,5 @@
 """What a model predicts depends neither on where the joints have their zeros nor on the unit of lengths."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

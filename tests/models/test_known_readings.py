@@ -1,7 +1,5 @@
 """A test on readings of the training is recognised by what was measured, however the file was written."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A sphere of known size tells how large the arm is; one of unknown size leaves that to the drawing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Model files: the same numbers back, and nothing from a file that is not sound."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -17,9 +15,10 @@ from typing import Union, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm.arm import NOT_KEPT, Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError, TruearmError
+from truearm.errors import TruearmError
 from truearm.identification.judgement.outliers import outliers
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.models import MODELS, KinematicModel, NetworkModel, PhysicalModel
@@ -182,8 +181,7 @@ def test_a_scale_without_a_range_is_refused(fitted, tmp_path):
     model, _ = fitted("network")
     model.save(tmp_path / "m")
     rewritten(tmp_path / "m", edit_array("angle_scale_.lower", lambda a: a + 1e6))
-    with pytest.raises(InputError, match="that rise from lower to upper"):
-        load_model(tmp_path / "m")
+    refuses("that rise from lower to upper", load_model, tmp_path / "m")
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -441,9 +439,7 @@ def refused(file, change, message, folder):
     path = folder / "m.truearm"
     shutil.copy(file, path)
     rewritten(path, change)
-    with pytest.raises(InputError, match=message) as caught:
-        load_model(path)
-    assert str(path) in str(caught.value)
+    assert str(path) in str(refuses(message, load_model, path))
 
 
 def first_number(value):
@@ -600,24 +596,19 @@ def test_many_unknowns_are_not_written_beyond_what_is_read(mixed, tmp_path, monk
 
 def test_what_is_no_model_file_is_refused(tmp_path):
     path = tmp_path / "m.truearm"
-    with pytest.raises(InputError, match="does not exist"):
-        load_model(path)
+    refuses("does not exist", load_model, path)
     path.write_text("q1_deg,q2_deg\n")
-    with pytest.raises(InputError, match="expected a model file"):
-        load_model(path)
+    refuses("expected a model file", load_model, path)
     path.write_bytes(b"")
-    with pytest.raises(InputError, match="expected a model file"):
-        load_model(path)
-    with pytest.raises(InputError, match="expected a file, got a folder"):
-        load_model(tmp_path)
+    refuses("expected a model file", load_model, path)
+    refuses("expected a file, got a folder", load_model, tmp_path)
 
 
 def test_a_compressed_bomb_is_refused(fitted, tmp_path):
     path = tmp_path / "m.truearm"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("model.json", b" " * (80 << 20))
-    with pytest.raises(InputError, match="compressed or larger"):
-        load_model(path)
+    refuses("compressed or larger", load_model, path)
 
 
 def edit_member(*path, value):

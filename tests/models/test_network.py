@@ -1,7 +1,5 @@
 """The network model: trainers, restarts, ensembles, their uncertainty, and what it refuses."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import fields, replace
 
@@ -10,6 +8,7 @@ import pytest
 from sklearn.base import clone
 from threadpoolctl import threadpool_limits
 
+from refusals import refuses
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
@@ -259,8 +258,7 @@ def test_numbers_that_are_none_are_refused(value, arm, readings):
         arrays[column][17, 1] = value
         # A point of which only some coordinates are missing is said apart.
         what = "x, y and z or none of them" if column == "points" and np.isnan(value) else "finite numbers"
-        with pytest.raises(InputError, match=f"expected {what} in {column}, got "):
-            small(arm).fit_readings(Session(**arrays))
+        refuses(f"expected {what} in {column}, got ", lambda arrays=arrays: small(arm).fit_readings(Session(**arrays)))
         with pytest.raises(ValueError, match="NaN|infinity"):
             small(arm).fit(arrays["angles"], arrays["points"])
 
@@ -285,8 +283,7 @@ def test_numbers_that_are_none_are_refused(value, arm, readings):
     ids=str,
 )
 def test_options_out_of_range_are_refused(options, message, arm, readings):
-    with pytest.raises(InputError, match=message):
-        small(arm, **options).fit_readings(readings)
+    refuses(message, small(arm, **options).fit_readings, readings)
 
 
 def test_more_weights_than_coordinates_need_readings_set_aside_or_trainbr(arm, readings):
@@ -301,5 +298,4 @@ def test_more_weights_than_coordinates_need_readings_set_aside_or_trainbr(arm, r
 def test_lengths_tell_a_network_nothing_and_are_refused(arm, readings):
     held = replace(readings, seat=np.array(["A", "B"] * 60))
     lengths = Lengths(np.array(["A"]), np.array(["B"]), np.array([100.0]), np.array([0.01]))
-    with pytest.raises(InputError, match="learns from points only, and lengths"):
-        small(arm).fit_readings(held, lengths=lengths)
+    refuses("learns from points only, and lengths", small(arm).fit_readings, held, lengths=lengths)

@@ -1,7 +1,5 @@
 """The page about networks: its code runs, and what it states is so."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from pathlib import Path
@@ -9,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from page_transcripts import blocks
 from truearm.models import NetworkModel
 from truearm.models.network import TRAINERS
 from truearm.nets.normal_equations import FitProblem
@@ -18,10 +17,6 @@ from truearm.nets.train_varpro import train_varpro
 PAGE = Path(__file__).parents[2] / "docs" / "networks.md"
 
 
-def blocks() -> list[str]:
-    return re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-
-
 @pytest.fixture(scope="module")
 def names(tmp_path_factory) -> dict:
     """What the page's blocks define, run one after the other in a folder of their own."""
@@ -29,8 +24,8 @@ def names(tmp_path_factory) -> dict:
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("networks")
         patch.chdir(folder)
-        for block in blocks():
-            exec(block, names)
+        for text in blocks("networks.md", "python"):
+            exec(text, names)
         names["left"] = sorted(path.name for path in folder.iterdir())
     return names
 

@@ -1,7 +1,5 @@
 """What a reading does not state of the arm's condition is in the uncertainty of its point, and is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

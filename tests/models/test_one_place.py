@@ -1,7 +1,5 @@
 """Readings of one place, without an instrument: what is held out, and which terms are kept."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Terms of the user's own: offered, identified, kept in the model's file, refused by name where they are unknown."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +7,7 @@ import pytest
 from sklearn.base import clone
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.identification.terms import Basis, Expression, Formula, InSession, Term, basis, register_basis
 
@@ -72,8 +71,7 @@ def test_its_file_has_it_and_is_refused_by_name_where_it_is_not_registered(model
     assert read.terms == (CABLE,)
     np.testing.assert_array_equal(read.predict_readings(session), model.predict_readings(session))
     monkeypatch.delitem(basis._KINDS, "CableWinding")
-    with pytest.raises(InputError, match="got 'CableWinding'.*import the module that registers it"):
-        ta.load_model(tmp_path / "m.truearm")
+    refuses("got 'CableWinding'.*import the module that registers it", ta.load_model, tmp_path / "m.truearm")
 
 
 def test_a_file_without_is_as_it_was_before_there_were_any(session, tmp_path):
@@ -97,8 +95,7 @@ def test_a_model_with_terms_is_cloned(model):
     ],
 )
 def test_what_is_no_term_of_this_arm_is_refused(terms, message, session):
-    with pytest.raises(InputError, match=message):
-        ta.fit("ur10", session, model="kinematic", terms=terms)
+    refuses(message, ta.fit, "ur10", session, model="kinematic", terms=terms)
 
 
 @pytest.mark.parametrize("of", [Expression.session("fryday"), Expression.tip("ball")])
@@ -109,8 +106,7 @@ def test_a_session_or_tip_that_no_reading_has_is_refused(of, session):
 
 @pytest.mark.parametrize("model", ["nominal", "network", "hybrid"])
 def test_a_model_without_terms_refuses_them(model, session):
-    with pytest.raises(InputError, match="expected a model that identifies terms"):
-        ta.fit("ur10", session, model=model, terms=[CABLE])
+    refuses("expected a model that identifies terms", ta.fit, "ur10", session, model=model, terms=[CABLE])
 
 
 def test_a_fit_says_what_became_of_own_terms(session):

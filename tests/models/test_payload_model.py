@@ -1,7 +1,5 @@
 """Planted compliance: a payload is learned where it varies, and in the uncertainty where it does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A reading in a seat that an instrument saw says both: the touch repeats where the instrument does not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

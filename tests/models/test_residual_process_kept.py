@@ -1,7 +1,5 @@
 """A physical model's residual process: when it is kept, whose it is, what a transfer and a file make of it."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from refusals import refuses
 from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
@@ -256,10 +255,8 @@ def test_the_automatic_choice_may_be_made_without_the_process(arm, monkeypatch):
 
     session = readings(arm, 20, np.random.default_rng(1))
     monkeypatch.setattr("truearm.verbs.fit.select_model", stop)
-    with pytest.raises(InputError, match="residual False"):
-        fit(arm, session, residual=False)
-    with pytest.raises(InputError, match="belong to one model"):
-        fit(arm, session, hidden=(3,))
+    refuses("residual False", fit, arm, session, residual=False)
+    refuses("belong to one model", fit, arm, session, hidden=(3,))
 
 
 def test_the_directions_of_a_process_share_one_remainder(fitted, monkeypatch):
@@ -286,8 +283,7 @@ def test_a_record_of_another_process_than_that_of_the_terms_is_refused(fitted, c
     check_model(model)
     basis = model.fit_.processes[0][0].basis
     vars(model).update(change(model, basis))
-    with pytest.raises(InputError, match="process"):
-        check_model(model)
+    refuses("process", check_model, model)
 
 
 def _with_basis(fit, basis):
@@ -332,8 +328,7 @@ def test_a_file_brings_it_back(fitted, test_readings, tmp_path):
     ],
 )
 def test_impossible_numbers_of_a_file_are_refused(fitted, change):
-    with pytest.raises(InputError, match="residual process"):
-        replace(fitted[0].residual_process_, **change).check(3)
+    refuses("residual process", replace(fitted[0].residual_process_, **change).check, 3)
 
 
 def test_the_option_is_checked(arm):
@@ -347,7 +342,5 @@ def test_json_has_the_process_and_source_code_says_how_to_do_without(fitted, tmp
     joints = np.array([[0.3, -0.4, 0.9], [2.9, 2.0, -3.0]])
     # The document has all digits of the numbers.
     np.testing.assert_allclose(json_model.tips(tmp_path / "bent.json", joints), model.predict(joints), atol=1e-9)
-    with pytest.raises(InputError, match="residual process") as refused:
-        export(model, tmp_path / "bent.c")
-    assert "--no-residual-process" in str(refused.value.hint)
+    assert "--no-residual-process" in str(refuses("residual process", export, model, tmp_path / "bent.c").hint)
     assert not (tmp_path / "bent.c").exists()

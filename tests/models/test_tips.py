@@ -1,13 +1,12 @@
 """Several tips on one flange: each offset is found, each tip predicted, and none is taken for another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.identification.estimation.tip_offsets import tip_offsets, what_tips_show
 from truearm.identification.references.tips import check_tips
@@ -89,12 +88,10 @@ def test_tips_of_one_pose_are_held_out_together(model):
 
 def test_a_model_of_several_tips_predicts_no_unnamed_or_unknown_tip(real, model):
     angles = np.tile(real.arm.working, (2, 1))
-    with pytest.raises(InputError, match=r"the model has 3 tips \(N1, N2, N3\), and the readings name none"):
-        model.predict(angles)
-    with pytest.raises(InputError, match="expected a tip of the model") as error:
-        model.predict_readings(Session(angles, tip=["N1", "N4"]))
-    assert error.value.column == "tip"
-    assert "reading 2" in str(error.value)
+    refuses(r"the model has 3 tips \(N1, N2, N3\), and the readings name none", model.predict, angles)
+    error = refuses("expected a tip of the model", model.predict_readings, Session(angles, tip=["N1", "N4"]))
+    assert error.column == "tip"
+    assert "reading 2" in str(error)
 
 
 @pytest.mark.parametrize(
@@ -105,16 +102,14 @@ def test_a_model_of_several_tips_predicts_no_unnamed_or_unknown_tip(real, model)
     ],
 )
 def test_a_tip_whose_name_has_braces_is_named_as_it_is(tips, said):
-    with pytest.raises(InputError) as error:
-        check_tips(tips, Session(np.zeros((3, 6)), tip=["T{x}", "T{x}", "{0}"]))
-    assert str(error.value).startswith(f"reading 3, column 'tip': {said}. Try: ")
+    error = refuses(None, check_tips, tips, Session(np.zeros((3, 6)), tip=["T{x}", "T{x}", "{0}"]))
+    assert str(error).startswith(f"reading 3, column 'tip': {said}. Try: ")
 
 
 def test_readings_checked_by_another_model_are_checked_again(model, nests):
     one = model.with_tip("N2")
     checked = one.checked(Session(nests.angles[:3]))
-    with pytest.raises(InputError, match="3 tips"):
-        model.predict_readings(checked)
+    refuses("3 tips", model.predict_readings, checked)
     own = model.checked(nests)
     assert model.checked(own) is own
 
@@ -138,8 +133,7 @@ def test_the_model_of_one_tip_predicts_the_same_points_and_uncertainties(real, m
             one.predict_nominal(angles), model.predict_nominal_readings(Session(angles, tip=np.full(20, name)))
         )
     assert model.tips_ == ("N1", "N2", "N3")
-    with pytest.raises(InputError, match="expected a tip of the model"):
-        model.with_tip("N4")
+    refuses("expected a tip of the model", model.with_tip, "N4")
     with pytest.raises(InputError, match="expected a tip of the model"):
         model.with_tip("N1").predict_readings(Session(angles, tip=np.full(20, "N2")))
 
@@ -160,8 +154,7 @@ def test_exports_are_of_one_tip(model, tmp_path):
         lambda: ta.correct(model, model.arm.working[None]),
         lambda: ta.task(model, "length", 100.0),
     ):
-        with pytest.raises(InputError, match="expected one tip, the model has 3: N1, N2, N3"):
-            call()
+        refuses("expected one tip, the model has 3: N1, N2, N3", call)
     ta.export(model, tmp_path / "arm.json", tip="N2")
     assert ta.check_export(model, tmp_path / "arm.json", tip="N2").agrees
     assert not ta.check_export(model, tmp_path / "arm.json", tip="N3").agrees
@@ -169,10 +162,8 @@ def test_exports_are_of_one_tip(model, tmp_path):
 
 
 def test_a_report_is_of_one_tip(model, nests):
-    with pytest.raises(InputError, match="expected the readings of one tip, got those of 3"):
-        ta.report(model, nests)
-    with pytest.raises(InputError, match="expected one tip, the model has 3"):
-        ta.report(model, replace(nests, tip=None))
+    refuses("expected the readings of one tip, got those of 3", ta.report, model, nests)
+    refuses("expected one tip, the model has 3", ta.report, model, replace(nests, tip=None))
     found = ta.evaluate(model, nests)
     assert found.errors["model"]["mean_mm"] < 3 * STD
 
@@ -183,8 +174,7 @@ def test_tips_moved_as_one_are_found_again(real, model, rng):
     again = refit(model, new, free=("tip",))
     for name in OFFSETS:
         assert mean_error(moved, again, name) < 2 * STD
-    with pytest.raises(InputError, match="expected a tip of the model"):
-        refit(model, replace(new, tip=np.full(len(new), "N7")), free=("tip",))
+    refuses("expected a tip of the model", refit, model, replace(new, tip=np.full(len(new), "N7")), free=("tip",))
 
 
 def test_tips_join_seats_and_distances(real, rng):
@@ -210,16 +200,12 @@ def test_tips_join_seats_and_distances(real, rng):
 
 
 def test_what_cannot_be_is_refused(real, nests):
-    with pytest.raises(InputError, match="expected the tip of every reading") as error:
-        Session(np.zeros((2, 1)), tip=["A", ""])
-    assert "reading 2" in str(error.value)
+    assert "reading 2" in str(refuses("expected the tip of every reading", Session, np.zeros((2, 1)), tip=["A", ""]))
     assert Session(np.zeros((2, 1)), tip=["", ""]).tip is None
     with pytest.raises(InputError, match="the readings have 3 tips, and a fit with a known tip has one"):
         KinematicModel(real.arm, free=("base",)).fit_readings(nests)
-    with pytest.raises(InputError, match="expected the readings of one tip"):
-        NetworkModel(real.arm).fit_readings(nests)
-    with pytest.raises(InputError, match="expected a name as text"):
-        OfTip("")
+    refuses("expected the readings of one tip", NetworkModel(real.arm).fit_readings, nests)
+    refuses("expected a name as text", OfTip, "")
 
 
 def test_a_model_without_a_name_takes_one_name(real, rng):

@@ -1,7 +1,5 @@
 """Training conditions: ranges and gaps of joint angles, temperatures and loads, and what lies outside them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.models import MODELS, KinematicModel, NetworkModel, NominalModel, PhysicalModel, load_model
 from truearm.models.refit import refit
 from truearm.models.training_conditions import TOGETHER, InputRange, TrainingConditions, find_angle_gaps
@@ -190,10 +188,9 @@ def test_growth_that_was_learned_is_not_added_again(real, rng):
 @pytest.mark.parametrize("degC", [1e308, -1e308, 1e9, -300.0])
 def test_impossible_temperatures_are_refused(degC, real, rng):
     model = PhysicalModel(real.arm, highest=1).fit_readings(warm(real, rng))
-    with pytest.raises(InputError, match="degC"):
-        model.predict_readings(at(real.points(3, rng), degC), return_cov=True)
-    with pytest.raises(InputError, match="degC"):
-        NominalModel(real.arm).fit_readings(replace(warm(real, rng), temperature_degC=np.full(60, degC)))
+    refuses("degC", lambda: model.predict_readings(at(real.points(3, rng), degC), return_cov=True))
+    warmed, there = warm(real, rng), np.full(60, degC)
+    refuses("degC", lambda: NominalModel(real.arm).fit_readings(replace(warmed, temperature_degC=there)))
 
 
 @pytest.mark.parametrize("name", ["nominal", "kinematic", "physical"])
@@ -230,9 +227,8 @@ def test_a_network_has_training_conditions_too(real, rng):
 def test_a_model_has_columns_as_a_session_has_them_and_no_others(name):
     training = TrainingConditions.of(Session(np.zeros((3, 1))), TURNS)
     known = InputRange(1.0, 1.0, 0.0, 2.0)
-    with pytest.raises(InputError, match="names of further columns such as load_1_Nm") as error:
-        replace(training, columns={name: known})
-    assert "\n" not in error.value.problem
+    error = refuses("names of further columns such as load_1_Nm", replace, training, columns={name: known})
+    assert "\n" not in error.problem
     assert replace(training, columns={"load_größe": known}).columns
 
 

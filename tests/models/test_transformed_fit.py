@@ -1,7 +1,5 @@
 """A physical model does not depend on the way to its sums: Fourier transforms or products of matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The uncertainty a model states at readings, put together, and the readings that belie it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

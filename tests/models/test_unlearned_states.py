@@ -21,11 +21,7 @@ N = 40
 def readings(real):
     rng = np.random.default_rng(13)
     return real.points(
-        N,
-        rng,
-        temperature_degC=np.full(N, 23.0),
-        directions=np.ones((N, 6)),
-        columns={"load_2_Nm": np.full(N, 10.0)},
+        N, rng, temperature_degC=np.full(N, 23.0), directions=np.ones((N, 6)), columns={"load_2_Nm": np.full(N, 10.0)}
     )
 
 

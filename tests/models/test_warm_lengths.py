@@ -1,7 +1,5 @@
 """Lengths between seats count as long as they are at the readings' temperature, where their expansion is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,10 +1,9 @@
 """The same training on another library's arrays: PyTorch on the CPU stands for a GPU."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.nets.levenberg_marquardt import trainlm
 from truearm.nets.normal_equations import FitProblem
@@ -78,5 +77,4 @@ def test_single_precision_and_two_libraries_are_refused():
     with pytest.raises(InputError, match=r"expected inputs of double precision .*got torch.float32.*double\(\)"):
         FitProblem(network, torch.zeros(2, 5), torch.asarray(y))
     for inputs, targets in ((torch.asarray(x), y), (x, torch.asarray(y))):
-        with pytest.raises(InputError, match="inputs and targets of one library on one device"):
-            FitProblem(network, inputs, targets)
+        refuses("inputs and targets of one library on one device", FitProblem, network, inputs, targets)

@@ -1,7 +1,5 @@
 """The factored normal equations against the dense Jacobian, and that against difference quotients."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

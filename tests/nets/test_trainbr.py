@@ -1,7 +1,5 @@
 """Bayesian regularisation: derivative, evidence at work, stops and record."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,14 +1,12 @@
 """Gradient descent in networks: MATLAB's defaults, steps worked out by hand, stops and records."""
 
-from __future__ import annotations
-
 import inspect
 import time
 
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron
 from truearm.nets.traingd import AdaptiveDescentOptions, DescentOptions, traingd, traingdx
@@ -140,5 +138,4 @@ def test_a_rate_too_large_says_so(one_unit):
     ],
 )
 def test_options_that_can_never_be_meant_are_refused(one_unit, trainer, options):
-    with pytest.raises(InputError, match=r"expected .*lr.* got"):
-        trainer(*one_unit, **options)
+    refuses(r"expected .*lr.* got", trainer, *one_unit, **options)

@@ -1,11 +1,9 @@
 """What all trainers share: what they refuse, what they tell, how data are divided."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.nets.levenberg_marquardt import trainbr, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
@@ -83,8 +81,7 @@ def test_what_can_never_be_meant_is_refused(wave, trainer, change, message):
     (training, *_), start = wave
     other = FitProblem(Perceptron.with_layers(1, (5,), 1), training.inputs, training.targets)
     options = {"weights": start} | {k: other if isinstance(v, str) else v for k, v in change.items()}
-    with pytest.raises(InputError, match=message):
-        trainer(training, **options)
+    refuses(message, trainer, training, **options)
 
 
 @pytest.mark.parametrize("trainer", TRAINERS)
@@ -120,7 +117,5 @@ def test_dividerand_divides_everything_once():
     everything, none, none_too = dividerand(10, train=1, validation=0, test=0, seed=5)
     assert len(everything) == 10
     assert len(none) == len(none_too) == 0
-    with pytest.raises(InputError, match="no samples remain"):
-        dividerand(3, train=0, validation=1, test=0, seed=0)
-    with pytest.raises(InputError, match="shares"):
-        dividerand(3, train=-1, seed=0)
+    refuses("no samples remain", dividerand, 3, train=0, validation=1, test=0, seed=0)
+    refuses("shares", dividerand, 3, train=-1, seed=0)

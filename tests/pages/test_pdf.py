@@ -1,7 +1,5 @@
 """Pages as PDF/A-3: valid, the same on every sheet, whole or not at all; and logos that do no harm."""
 
-from __future__ import annotations
-
 import datetime
 import io
 import re
@@ -12,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure as Drawing
 from PIL import Image
 
+from refusals import refuses
 from truearm.errors import InputError, MissingTool
 from truearm.files import extra_packages
 from truearm.number_format import RoundedNumber
@@ -260,27 +259,21 @@ def test_a_png_with_transparency_keeps_the_file_valid(tmp_path):
 )
 def test_other_logos_are_refused(tmp_path, content, said):
     (tmp_path / "logo").write_bytes(content)
-    with pytest.raises(InputError, match=said) as refused:
-        read_logo(tmp_path / "logo")
-    assert refused.value.file == tmp_path / "logo"
+    assert refuses(said, read_logo, tmp_path / "logo").file == tmp_path / "logo"
 
 
 def test_large_logos_are_refused_before_they_are_unpacked(tmp_path, monkeypatch):
     (tmp_path / "logo.png").write_bytes(png())
     monkeypatch.setattr(paper_module, "MAX_LOGO_PIXELS", 19)
-    with pytest.raises(InputError, match="20 x 10 pixels, more than 19"):
-        read_logo(tmp_path / "logo.png")
+    refuses("20 x 10 pixels, more than 19", read_logo, tmp_path / "logo.png")
     monkeypatch.setattr(paper_module, "MAX_LOGO_BYTES", 10)
-    with pytest.raises(InputError, match="larger than"):
-        read_logo(tmp_path / "logo.png")
+    refuses("larger than", read_logo, tmp_path / "logo.png")
 
 
 def test_a_logo_that_states_too_many_pixels_is_refused_unopened(tmp_path):
     chunk = b"IHDR" + (60000).to_bytes(4, "big") * 2 + bytes([8, 2, 0, 0, 0])
     png = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     (tmp_path / "logo.png").write_bytes(png)
-    with pytest.raises(InputError, match="60000 x 60000 pixels"):
-        read_logo(tmp_path / "logo.png")
+    refuses("60000 x 60000 pixels", read_logo, tmp_path / "logo.png")
     (tmp_path / "logo.png").write_bytes(png[:12])
-    with pytest.raises(InputError, match="PNG cannot be read"):
-        read_logo(tmp_path / "logo.png")
+    refuses("PNG cannot be read", read_logo, tmp_path / "logo.png")

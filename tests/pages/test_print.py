@@ -1,7 +1,5 @@
 """The pages on paper: the rules for it, and what a browser makes of them as PDF."""
 
-from __future__ import annotations
-
 import re
 
 from test_html import made_up_page

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import truearm.pages
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.pages.drawings.workspace_figures import workspace
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
@@ -185,8 +185,7 @@ def test_a_page_of_12000_points_stays_small():
     ],
 )
 def test_what_a_scene_cannot_hold_is_refused(make, problem):
-    with pytest.raises(InputError, match=problem):
-        make()
+    refuses(problem, make)
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no node here (on Debian: apt-get install nodejs)")

@@ -1,11 +1,9 @@
 """Error figures by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.readings import compare_errors, point_errors
 
 
@@ -37,8 +35,7 @@ def test_an_arm_without_error_has_nothing_to_remove():
 
 
 def test_no_readings_no_errors():
-    with pytest.raises(InputError, match="got none"):
-        point_errors(np.empty((0, 3)), np.empty((0, 3)))
+    refuses("got none", point_errors, np.empty((0, 3)), np.empty((0, 3)))
 
 
 def test_readings_without_a_reference_point_count_nothing():
@@ -46,5 +43,4 @@ def test_readings_without_a_reference_point_count_nothing():
     found = np.array([[13.0, 20, 26], [5, 5, 5], [1, 2, 3]])
     assert point_errors(found, points) == point_errors(found[::2], points[::2])
     assert point_errors(found, points)["n"] == 2
-    with pytest.raises(InputError, match="got none"):
-        point_errors(found[1:2], points[1:2])
+    refuses("got none", point_errors, found[1:2], points[1:2])

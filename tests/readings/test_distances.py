@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.readings import Session, hold_out, read_session, stratified_rows, write_session
 from truearm.readings.anchors import bars_without_certificate, distance_errors, has_located_anchor, offset_std
 from truearm.readings.checks import check_sessions
@@ -38,22 +38,19 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_every_bad_row_is_named_by_line_and_column(case: str, tmp_path: Path) -> None:
     row, column, said = BAD[case]
-    with pytest.raises(InputError, match=said) as error:
-        read(HEAD + ROW + row + "\n", tmp_path)
-    assert (error.value.line, error.value.column) == (3, column)
+    error = refuses(said, read, HEAD + ROW + row + "\n", tmp_path)
+    assert (error.line, error.column) == (3, column)
 
 
 def test_columns_that_need_a_distance_are_refused_without_one(tmp_path: Path) -> None:
     for column, cell in (("anchor", "wire"), ("u_distance_mm", "0.1"), ("u_offset_mm", "0.1")):
-        with pytest.raises(InputError, match="expected the column distance_mm") as error:
-            read(f"q1_deg,{column}\n1,{cell}\n", tmp_path)
-        assert (error.value.line, error.value.column) == (2, column)
+        error = refuses("expected the column distance_mm", read, f"q1_deg,{column}\n1,{cell}\n", tmp_path)
+        assert (error.line, error.column) == (2, column)
 
 
 def test_a_distance_in_metres_is_not_guessed(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="unknown column 'distance_m'") as error:
-        read("q1_deg,anchor,distance_m\n1,A,0.5\n", tmp_path)
-    assert error.value.hint == "distance_mm"
+    error = refuses("unknown column 'distance_m'", read, "q1_deg,anchor,distance_m\n1,A,0.5\n", tmp_path)
+    assert error.hint == "distance_mm"
 
 
 @pytest.mark.parametrize("name", ["session.csv", "session.parquet"])
@@ -95,8 +92,7 @@ def test_one_pose_with_several_wires_is_no_repeat_and_the_same_distance_twice_is
 
 def test_an_anchor_stands_in_one_session() -> None:
     session = Session(np.zeros((2, 1)), anchor=["A", "A"], distance_mm=[1.0, 2.0], session=["May", "June"])
-    with pytest.raises(InputError, match="anchor 'A' is in session 'May' and in session 'June'"):
-        check_sessions(session)
+    refuses("anchor 'A' is in session 'May' and in session 'June'", check_sessions, session)
 
 
 def test_distances_of_a_bar_need_a_stated_offset() -> None:
@@ -119,8 +115,7 @@ def test_some_rows_are_spread_over_the_anchors() -> None:
     train, test = hold_out(session, by="row", fraction=0.5, seed=0)
     assert len(train) == len(test) == 6
     assert not np.isin(train.angles, test.angles).any()
-    with pytest.raises(InputError, match="from 1 to the 12 readings with a seat or a distance, got 13"):
-        stratified_rows(session, 13, seed=1)
+    refuses("from 1 to the 12 readings with a seat or a distance, got 13", stratified_rows, session, 13, seed=1)
 
 
 def test_errors_of_distances_are_zero_for_the_true_points_and_list_every_reading() -> None:
@@ -135,8 +130,7 @@ def test_errors_of_distances_are_zero_for_the_true_points_and_list_every_reading
     assert found["distance_max_mm"] < 0.02
     assert [one["reading"] for one in found["distances"]] == [f"reading {i}" for i in range(1, 10)]
     assert found["anchors"][0]["x_mm"] == pytest.approx(900, abs=0.5)
-    with pytest.raises(InputError, match="8 or more distances to an anchor"):
-        distance_errors(points[2:], session.rows(slice(2, 12)))
+    refuses("8 or more distances to an anchor", distance_errors, points[2:], session.rows(slice(2, 12)))
 
 
 def test_errors_of_few_distances_are_as_large_as_those_of_many() -> None:

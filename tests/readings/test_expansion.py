@@ -1,7 +1,5 @@
 """Lengths as warm as their readings: hand-solved cases."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session, read_session, write_session
 
@@ -75,8 +76,7 @@ def test_a_fault_names_its_column_and_reading(change, row, column, said):
 
 
 def test_an_empty_frame_is_refused():
-    with pytest.raises(InputError, match="at least one reading"):
-        Session.from_frame(FRAME.iloc[:0])
+    refuses("at least one reading", Session.from_frame, FRAME.iloc[:0])
 
 
 def test_a_part_of_a_session_keeps_its_numbers():
@@ -106,5 +106,4 @@ def test_lengths_come_back_from_their_frame():
     ],
 )
 def test_a_frame_that_is_no_table_of_lengths_is_refused(frame, said):
-    with pytest.raises(InputError, match=said):
-        Lengths.from_frame(pd.DataFrame(frame))
+    refuses(said, Lengths.from_frame, pd.DataFrame(frame))

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import Session, hold_out, read_session
 
@@ -47,10 +48,9 @@ def test_rows_are_their_own_groups():
 def test_a_missing_column_is_said_with_those_that_are_there(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("q1_deg,seat\n1,A\n2,B\n")
-    with pytest.raises(InputError, match="no column 'position' to split by") as caught:
-        hold_out(read_session(path), fraction=0.3, seed=0)
-    assert caught.value.file == path
-    assert "by seat or row" in caught.value.hint
+    caught = refuses("no column 'position' to split by", hold_out, read_session(path), fraction=0.3, seed=0)
+    assert caught.file == path
+    assert "by seat or row" in caught.hint
 
 
 def test_a_reading_without_a_name_belongs_nowhere(tmp_path):
@@ -83,9 +83,6 @@ def test_a_split_keeps_what_else_is_known_of_a_reading():
 
 
 def test_splits_that_make_no_sense_are_refused():
-    with pytest.raises(InputError, match="at least two positions"):
-        hold_out(readings_of(["a", "a"]), fraction=0.5, seed=0)
-    with pytest.raises(InputError, match="between 0 and 1"):
-        hold_out(readings_of(["a", "b"]), fraction=30, seed=0)
-    with pytest.raises(InputError, match="expected a split by position"):
-        hold_out(readings_of(["a", "b"]), by="colour", fraction=0.5, seed=0)
+    refuses("at least two positions", hold_out, readings_of(["a", "a"]), fraction=0.5, seed=0)
+    refuses("between 0 and 1", hold_out, readings_of(["a", "b"]), fraction=30, seed=0)
+    refuses("expected a split by position", hold_out, readings_of(["a", "b"]), by="colour", fraction=0.5, seed=0)

@@ -1,21 +1,18 @@
 """Names made to fill the memory, or to be cut short, are refused before they do harm."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.readings import read_session
 
 
 def test_a_name_longer_than_any_label_is_refused_with_its_line(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("q1_deg,seat\n1,A\n2," + "x" * 100_000 + "\n3,B\n")
-    with pytest.raises(InputError, match="at most 200 characters, got one of 100000") as caught:
-        read_session(path)
-    assert (caught.value.line, caught.value.column) == (3, "seat")
+    caught = refuses("at most 200 characters, got one of 100000", read_session, path)
+    assert (caught.line, caught.column) == (3, "seat")
 
 
 @pytest.mark.parametrize(
@@ -25,8 +22,7 @@ def test_parquet_names_follow_the_same_rules(tmp_path, name, says):
     pytest.importorskip("pyarrow")
     path = tmp_path / "s.parquet"
     pd.DataFrame({"q1_deg": [1.0, 2.0], "seat": ["A", name]}).to_parquet(path, index=False)
-    with pytest.raises(InputError, match=says):
-        read_session(path)
+    refuses(says, read_session, path)
 
 
 def test_categories_of_pandas_are_names(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import Lengths, read_lengths, write_lengths
 
@@ -21,10 +22,9 @@ def lengths_file(folder: Path, text: str | bytes) -> Path:
 
 def refusal(folder, rows, *, header=HEADER, seats=None):
     path = lengths_file(folder, header + "\n".join(rows) + "\n")
-    with pytest.raises(InputError) as caught:
-        read_lengths(path, seats=seats)
-    assert caught.value.file == path
-    return caught.value
+    caught = refuses(None, read_lengths, path, seats=seats)
+    assert caught.file == path
+    return caught
 
 
 names = st.text(st.characters(blacklist_categories=("Cs", "Cc")), min_size=1, max_size=8)
@@ -173,10 +173,9 @@ def test_a_header_that_does_not_fit_is_refused(tmp_path, header, column, said):
 
 def test_what_only_sessions_can_be_done_with_is_not_advised(tmp_path):
     for text in (b"seat_a;seat_b;length_mm;u_mm\nA;B;250,1;0.1\n", HEADER.encode() + b"A,b\xfcchse,1,1\n"):
-        with pytest.raises(InputError, match=r"decimal|utf-8") as caught:
-            read_lengths(lengths_file(tmp_path, text))
-        assert "import" not in caught.value.hint
-        assert "--" not in caught.value.hint
+        caught = refuses(r"decimal|utf-8", read_lengths, lengths_file(tmp_path, text))
+        assert "import" not in caught.hint
+        assert "--" not in caught.hint
 
 
 def test_empty_rows_are_skipped_at_the_end_alone(tmp_path):
@@ -196,11 +195,8 @@ def test_empty_rows_are_skipped_at_the_end_alone(tmp_path):
     ],
 )
 def test_files_that_are_no_table_are_refused(tmp_path, text, said):
-    with pytest.raises(InputError, match=said) as caught:
-        read_lengths(lengths_file(tmp_path, text))
-    assert caught.value.file == tmp_path / "lengths.csv"
-    with pytest.raises(InputError, match="does not exist"):
-        read_lengths(tmp_path / "none.csv")
+    assert refuses(said, read_lengths, lengths_file(tmp_path, text)).file == tmp_path / "lengths.csv"
+    refuses("does not exist", read_lengths, tmp_path / "none.csv")
 
 
 # The session's seats -------------------------------------------------------------------------------------------------
@@ -259,16 +255,13 @@ def test_lengths_of_another_session_altogether_are_refused(tmp_path, seats):
 )
 def test_fields_that_do_not_fit_are_refused(fields, said):
     whole = {"seat_a": ["A", "C"], "seat_b": ["B", "D"], "length_mm": [1, 2], "u_mm": [0.1, 0.1]}
-    with pytest.raises(InputError, match=said):
-        Lengths(**(whole | fields))
+    refuses(said, Lengths, **(whole | fields))
 
 
 def test_what_could_not_be_read_is_not_written(tmp_path):
     lengths = Lengths(["A\nB"], ["C"], [1.0], [0.1])
-    with pytest.raises(InputError, match="one line of text"):
-        write_lengths(lengths, tmp_path / "l.csv")
-    with pytest.raises(InputError, match=r"ends in \.csv, got 'l.txt'"):
-        write_lengths(lengths, tmp_path / "l.txt")
+    refuses("one line of text", write_lengths, lengths, tmp_path / "l.csv")
+    refuses(r"ends in \.csv, got 'l.txt'", write_lengths, lengths, tmp_path / "l.txt")
     with pytest.raises(InputError, match="an artefact must be one line of text"):
         write_lengths(Lengths(["A"], ["C"], [1.0], [0.1], ["b\nr"]), tmp_path / "l.csv")
     assert not list(tmp_path.iterdir())

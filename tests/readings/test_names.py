@@ -1,7 +1,5 @@
 """Names: two spellings of one thing and seats with one reading are said, different things are not questioned."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

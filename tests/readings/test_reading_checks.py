@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import (
     Lengths,
@@ -40,10 +41,9 @@ def check(readings, *, min_rows=3, **options):
 
 
 def refusal(readings, **options):
-    with pytest.raises(InputError) as caught:
-        check(readings, **options)
-    assert caught.value.file == readings.file
-    return caught.value
+    caught = refuses(None, check, readings, **options)
+    assert caught.file == readings.file
+    return caught
 
 
 def test_good_readings_pass(tmp_path):
@@ -54,8 +54,7 @@ def test_good_readings_pass(tmp_path):
 def test_a_wrong_number_of_joints_is_refused(tmp_path):
     readings = session(tmp_path, ["1", "2"], header="q1_deg\n")
     assert "expected 2 joints (J1 .. J2), got 1" in refusal(readings).problem
-    with pytest.raises(InputError, match="expected 2 joints"):
-        check_angles(readings, n_joints=2)
+    refuses("expected 2 joints", check_angles, readings, n_joints=2)
 
 
 def test_missing_reference_points_are_said(tmp_path):
@@ -120,11 +119,10 @@ def test_what_is_left_after_skipping_keeps_its_lines(tmp_path):
 
 def test_an_arm_that_is_mostly_outside_its_limits_is_refused(tmp_path):
     readings = session(tmp_path, [ROWS[0], "0,-100,1,1,1", "200,95,1,1,2"])
-    with pytest.raises(InputError, match="J2 is at -100 deg, outside its limits -90 .. 90 deg") as caught:
-        skip_beyond_limits(readings, LIMITS)
-    assert (caught.value.line, caught.value.column) == (3, "q2_deg")
-    assert "2 of 3 readings" in caught.value.problem
-    assert "unit, sign and zero" in caught.value.hint
+    caught = refuses("J2 is at -100 deg, outside its limits -90 .. 90 deg", skip_beyond_limits, readings, LIMITS)
+    assert (caught.line, caught.column) == (3, "q2_deg")
+    assert "2 of 3 readings" in caught.problem
+    assert "unit, sign and zero" in caught.hint
 
 
 def test_limits_can_be_ignored(tmp_path):
@@ -157,9 +155,8 @@ def test_the_same_angles_may_be_measured_twice(tmp_path):
 
 def test_readings_without_a_file_go_by_number():
     session = Session([[0.1, 0.2], [0.3, 0.4], [0.1, 0.2]], [[1, 2, 3], [4, 5, 6], [1e5, 2, 3]])
-    with pytest.raises(InputError) as caught:
-        check_reach(session, reach=1000.0)
-    error = caught.value
+    caught = refuses(None, check_reach, session, reach=1000.0)
+    error = caught
     assert "reading 3: the reference point lies" in str(error)
     assert error.line is None
 
@@ -176,9 +173,8 @@ def test_points_that_no_single_arm_can_have_touched(rng):
     with pytest.raises(InputError, match=r"4\.2e\+06 mm from the median of all.*1 of 19 readings"):
         check_reach(Session(angles, points), reach=1000.0)
     far = Session(angles, points, file=Path("s.csv"), numbers=np.arange(2, 22), by_line=True)
-    with pytest.raises(InputError, match=r"s\.csv, line 9: the reference point lies") as caught:
-        check_reach(far, reach=1000.0)
-    assert caught.value.hint == "check the unit of the points, or delete the reading"
+    caught = refuses(r"s\.csv, line 9: the reference point lies", check_reach, far, reach=1000.0)
+    assert caught.hint == "check the unit of the points, or delete the reading"
 
 
 def test_points_of_several_sessions_lie_together_session_by_session(rng):
@@ -201,12 +197,11 @@ def test_a_place_is_of_one_session(rows):
     for kind in ("seat", "sphere", "plane", "line"):
         readings = Session(np.zeros((len(rows), 2)), session=session, **{kind: names})
         if in_two:
-            with pytest.raises(
-                InputError, match=f"{kind} '.*, but the base or the reference moved between sessions"
-            ) as caught:
-                check_sessions(readings)
-            assert caught.value.column == kind
-            assert f"name the {kind} differently" in caught.value.hint
+            caught = refuses(
+                f"{kind} '.*, but the base or the reference moved between sessions", check_sessions, readings
+            )
+            assert caught.column == kind
+            assert f"name the {kind} differently" in caught.hint
         else:
             check_sessions(readings)
         check_sessions(replace(readings, session=None))
@@ -222,22 +217,19 @@ def test_a_length_lies_within_a_session(tmp_path):
     check_sessions(readings, Lengths(["x"], ["b"], [100.0], [0.01]))  # of another part of the measurements
     for other, said in (("c", "in session 't'"), ("d", "in a reading that names no session")):
         lengths = Lengths(["a", "a"], ["b", other], [100.0, 50], [0.01, 0.01])
-        with pytest.raises(
-            InputError, match=f"length 2, .*seat 'a' is in session 's', seat '{other}' is {said}"
-        ) as caught:
-            check_sessions(readings, lengths)
-        assert caught.value.hint.startswith("state lengths between seats of one session")
+        caught = refuses(
+            f"length 2, .*seat 'a' is in session 's', seat '{other}' is {said}", check_sessions, readings, lengths
+        )
+        assert caught.hint.startswith("state lengths between seats of one session")
         check_sessions(readings, lengths, own_frame=True)
     readings = session(tmp_path, ["1,2,a,s", "3,4,b,s", "5,6,a,t"], header="q1_deg,q2_deg,seat,session\n")
-    with pytest.raises(InputError, match="and in session 't'") as caught:
-        check_sessions(readings)
-    assert (caught.value.line, caught.value.file) == (4, readings.file)
+    caught = refuses("and in session 't'", check_sessions, readings)
+    assert (caught.line, caught.file) == (4, readings.file)
 
 
 def test_no_joint_turns_without_end_however_free_it_is():
     readings = Session([[0.0], [1e7]])
-    with pytest.raises(InputError, match="reading 2: J1 is at 1e.07 rad or mm, which no joint reaches"):
-        check_angles(readings, n_joints=1)
+    refuses("reading 2: J1 is at 1e.07 rad or mm, which no joint reaches", check_angles, readings, n_joints=1)
 
 
 def test_a_reference_that_never_moves():
@@ -250,8 +242,7 @@ def test_a_reference_that_never_moves():
 def test_reference_points_in_another_unit_are_refused_with_that_unit(rng, unit, mm):
     tips = rng.normal(scale=400.0, size=(50, 3))
     session = Session(rng.uniform(-2, 2, (50, 6)), (tips + [800.0, 0.0, 300.0]) / mm)
-    with pytest.raises(InputError, match=f"may be in {unit}:"):
-        check_scale(session, tips)
+    refuses(f"may be in {unit}:", check_scale, session, tips)
 
 
 def test_the_unit_shows_in_set_ups_that_are_far_apart(rng):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import Session
 
@@ -43,8 +44,7 @@ GAP = [[1.0, 2.0, 3.0], [np.nan] * 3, [4.0, 5.0, 6.0]]
     ],
 )
 def test_fields_that_do_not_fit_are_refused(fields, said):
-    with pytest.raises(InputError, match=said):
-        Session(**({"angles": np.zeros((3, 1))} | fields))
+    refuses(said, Session, **({"angles": np.zeros((3, 1))} | fields))
 
 
 def test_rows_select_every_field_and_keep_file_and_lines():
@@ -139,6 +139,4 @@ def test_the_coldest_and_the_warmest_arm_are_read(degC):
     ],
 )
 def test_numbers_too_large_to_be_squared_are_refused(fields, said):
-    with pytest.raises(InputError, match=said) as caught:
-        Session([[0.0]], **fields)
-    assert "check the unit" in caught.value.hint
+    assert "check the unit" in refuses(said, Session, [[0.0]], **fields).hint

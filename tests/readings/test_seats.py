@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import Lengths, length_errors, seat_errors
 
@@ -41,8 +42,7 @@ def test_against_plain_loops(names, seed):
         if len(inside) > 1
     }
     if not distances:
-        with pytest.raises(InputError, match="two or more readings"):
-            seat_errors(points, names)
+        refuses("two or more readings", seat_errors, points, names)
         return
     errors = seat_errors(points, names)
     flat = np.concatenate(list(distances.values()))
@@ -73,13 +73,9 @@ def test_neither_the_frame_nor_the_order_matters(rng):
 def test_points_and_seats_that_do_not_fit_are_refused():
     lengths = Lengths(["a"], ["b"], [1.0], [1.0])
     for points, names in ((np.zeros((2, 3)), ["a"]), (np.zeros((2, 2)), ["a", "a"]), (np.zeros(3), ["a"])):
-        with pytest.raises(InputError, match=r"points \(n, 3\) and a seat for each"):
-            seat_errors(points, names)
-        with pytest.raises(InputError, match=r"points \(n, 3\) and a seat for each"):
-            length_errors(points, names, lengths)
-    with pytest.raises(InputError, match="two or more readings, got none"):
-        seat_errors(np.zeros((3, 3)), ["a", "b", ""])
-    with pytest.raises(InputError, match="no seat 'b'"):
-        length_errors(np.zeros((3, 3)), ["a", "a", ""], lengths)
+        refuses(r"points \(n, 3\) and a seat for each", seat_errors, points, names)
+        refuses(r"points \(n, 3\) and a seat for each", length_errors, points, names, lengths)
+    refuses("two or more readings, got none", seat_errors, np.zeros((3, 3)), ["a", "b", ""])
+    refuses("no seat 'b'", length_errors, np.zeros((3, 3)), ["a", "a", ""], lengths)
     with pytest.raises(InputError, match="no seat 'x'"):
         length_errors(np.zeros((2, 3)), ["a", "b"], Lengths(["a", "x"], ["b", "y"], [1.0, 1.0], [1.0, 1.0]))

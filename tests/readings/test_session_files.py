@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from refusals import refuses
 from truearm.errors import InputError, TruearmError
 from truearm.files import delimited, extra_packages, table_writer
 from truearm.readings import Session, files, read_session, write_session
@@ -26,10 +27,9 @@ def text_file(folder: Path, text: str | bytes, name: str = "session.csv") -> Pat
 
 def refusal(folder: Path, text: str | bytes, **options: int) -> InputError:
     path = text_file(folder, text)
-    with pytest.raises(InputError) as caught:
-        read_session(path, **options)
-    assert caught.value.file == path
-    return caught.value
+    caught = refuses(None, read_session, path, **options)
+    assert caught.file == path
+    return caught
 
 
 finite = st.floats(-1e6, 1e6, allow_subnormal=False)
@@ -298,8 +298,7 @@ def test_columns_that_are_empty_throughout_say_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cell", "said"),
-    [("0.5", "as -1, 0 or 1, got 0.5 for J2"), ("2", "got 2 for J2"), ("", "an empty cell")],
+    ("cell", "said"), [("0.5", "as -1, 0 or 1, got 0.5 for J2"), ("2", "got 2 for J2"), ("", "an empty cell")]
 )
 def test_a_direction_of_movement_is_a_sign(tmp_path, cell, said):
     error = refusal(tmp_path, f"q1_deg,q2_deg,direction_1,direction_2\n1,2,-1,1\n1,2,0,{cell}\n")
@@ -400,15 +399,11 @@ def test_empty_rows_at_the_end_are_none(tmp_path, end):
 
 
 def test_a_missing_file_a_folder_and_a_huge_file_are_refused(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="does not exist"):
-        read_session(tmp_path / "none.csv")
-    with pytest.raises(InputError, match="does not exist"):
-        read_session(tmp_path / "none.parquet")
-    with pytest.raises(InputError, match="got a folder"):
-        read_session(tmp_path)
+    refuses("does not exist", read_session, tmp_path / "none.csv")
+    refuses("does not exist", read_session, tmp_path / "none.parquet")
+    refuses("got a folder", read_session, tmp_path)
     monkeypatch.setattr(files, "MAX_BYTES", 2**20)
-    with pytest.raises(InputError, match="larger than 1.05 MB"):
-        read_session(text_file(tmp_path, b"1" * 2**21))
+    refuses("larger than 1.05 MB", read_session, text_file(tmp_path, b"1" * 2**21))
 
 
 def test_an_uncertainty_of_nought_is_refused_with_its_line(tmp_path):
@@ -449,10 +444,9 @@ def parquet_file(folder: Path, **columns: object) -> Path:
 )
 def test_faults_of_a_parquet_file_are_found(tmp_path, columns, column, said):
     path = parquet_file(tmp_path, **columns)
-    with pytest.raises(InputError) as caught:
-        read_session(path)
-    assert (caught.value.file, caught.value.column) == (path, column)
-    assert said in caught.value.problem
+    caught = refuses(None, read_session, path)
+    assert (caught.file, caught.column) == (path, column)
+    assert said in caught.problem
 
 
 def test_whole_numbers_and_single_precision_are_read_from_parquet(tmp_path):
@@ -479,16 +473,12 @@ def test_a_parquet_file_is_known_by_its_content(tmp_path):
 
 
 def test_empty_damaged_foreign_and_swollen_parquet_files_are_refused(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="at least one reading"):
-        read_session(parquet_file(tmp_path, q1_deg=np.zeros(0)))
+    refuses("at least one reading", read_session, parquet_file(tmp_path, q1_deg=np.zeros(0)))
     whole = parquet_file(tmp_path, q1_deg=np.arange(100.0)).read_bytes()
-    with pytest.raises(InputError, match="expected a Parquet file"):
-        read_session(text_file(tmp_path, whole[: len(whole) // 2], "half.parquet"))
-    with pytest.raises(InputError, match="expected a Parquet file"):
-        read_session(text_file(tmp_path, GOOD, "text.parquet"))
+    refuses("expected a Parquet file", read_session, text_file(tmp_path, whole[: len(whole) // 2], "half.parquet"))
+    refuses("expected a Parquet file", read_session, text_file(tmp_path, GOOD, "text.parquet"))
     monkeypatch.setattr(files, "MAX_CELLS", 50)
-    with pytest.raises(InputError, match="expected at most 50 cells, got 100 rows"):
-        read_session(text_file(tmp_path, whole, "many.parquet"))
+    refuses("expected at most 50 cells, got 100 rows", read_session, text_file(tmp_path, whole, "many.parquet"))
 
 
 def test_without_pyarrow_the_message_says_what_to_install(tmp_path, monkeypatch):
@@ -496,8 +486,7 @@ def test_without_pyarrow_the_message_says_what_to_install(tmp_path, monkeypatch)
         raise ImportError(name)
 
     monkeypatch.setattr(extra_packages, "import_module", missing)
-    with pytest.raises(InputError, match=r"pip install 'truearm\[parquet\]'"):
-        write_session(Session([[1.0]]), tmp_path / "s.parquet")
+    refuses(r"pip install 'truearm\[parquet\]'", write_session, Session([[1.0]]), tmp_path / "s.parquet")
     assert not list(tmp_path.iterdir())
 
 
@@ -526,12 +515,9 @@ def test_names_with_line_breaks_and_unknown_file_types_are_not_written(tmp_path)
     with pytest.raises(InputError, match="a seat must be one line of text") as caught:
         write_session(Session([[1.0]], seat=np.array(["a\nb"])), tmp_path / "s.csv")
     assert caught.value.column == "seat"
-    with pytest.raises(InputError, match=r"ends in \.csv or \.parquet, got 's.xlsx'"):
-        write_session(Session([[1.0]]), tmp_path / "s.xlsx")
-    with pytest.raises(InputError, match="expected 1 joint types"):
-        write_session(Session([[1.0]]), tmp_path / "s.csv", prismatic=[True, False])
-    with pytest.raises(InputError, match="deg or rad"):
-        write_session(Session([[1.0]]), tmp_path / "s.csv", angle_unit="gon")
+    refuses(r"ends in \.csv or \.parquet, got 's.xlsx'", write_session, Session([[1.0]]), tmp_path / "s.xlsx")
+    refuses("expected 1 joint types", write_session, Session([[1.0]]), tmp_path / "s.csv", prismatic=[True, False])
+    refuses("deg or rad", write_session, Session([[1.0]]), tmp_path / "s.csv", angle_unit="gon")
     assert not list(tmp_path.iterdir())
 
 

@@ -1,13 +1,12 @@
 """A session file that grows: what is acknowledged is in it, whatever happens next."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import fields
 
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.errors import InputError, TruearmError
 from truearm.readings import read_session
 from truearm.wings.bench.recording import session_log
@@ -80,8 +79,7 @@ def test_a_file_that_a_person_changed_is_read_whole(tmp_path):
         log.session()
         whole = path.read_text()
         path.write_text(whole + "what is this\n")
-        with pytest.raises(InputError, match="line 3"):
-            log.session()
+        refuses("line 3", log.session)
         path.write_text(whole)
         assert len(log.session()) == 1
 
@@ -164,8 +162,7 @@ def test_a_row_of_another_number_of_cells_is_refused_in_its_line(tmp_path):
     for broken in (b"\n", b"1,2\n"):
         before = path.read_bytes() + broken
         path.write_bytes(before)
-        with pytest.raises(InputError, match=r"session\.csv, line 3: expected 4 values"):
-            SessionLog(path, COLUMNS)
+        refuses(r"session\.csv, line 3: expected 4 values", SessionLog, path, COLUMNS)
         assert path.read_bytes() == before
         path.write_bytes(before.removesuffix(broken))
 
@@ -173,11 +170,9 @@ def test_a_row_of_another_number_of_cells_is_refused_in_its_line(tmp_path):
 def test_a_file_that_another_recording_has_open_is_refused_and_free_after_it(tmp_path):
     path = tmp_path / "session.csv"
     with SessionLog(path, COLUMNS) as log:
-        with pytest.raises(InputError, match="another program records to the file"):
-            SessionLog(path, COLUMNS)
+        refuses("another program records to the file", SessionLog, path, COLUMNS)
         log.append(ROW)
-    with pytest.raises(InputError, match="with other columns"):
-        SessionLog(path, (*COLUMNS, "note_pose"))
+    refuses("with other columns", SessionLog, path, (*COLUMNS, "note_pose"))
     with SessionLog(path, COLUMNS) as log:
         assert len(log.rows) == 1
 
@@ -194,11 +189,9 @@ def test_a_file_that_was_only_begun_is_begun_again(tmp_path, length):
 def test_other_columns_are_refused_and_nothing_is_changed(tmp_path):
     path = tmp_path / "session.csv"
     path.write_text("q1_deg,seat\n1,A\n")
-    with pytest.raises(InputError, match="with other columns"):
-        SessionLog(path, COLUMNS)
+    refuses("with other columns", SessionLog, path, COLUMNS)
     assert path.read_text() == "q1_deg,seat\n1,A\n"
-    with pytest.raises(InputError, match=r"ends in \.csv"):
-        SessionLog(tmp_path / "session.parquet", COLUMNS)
+    refuses(r"ends in \.csv", SessionLog, tmp_path / "session.parquet", COLUMNS)
 
 
 @pytest.mark.parametrize("change", ["replaced", "removed", "longer"])

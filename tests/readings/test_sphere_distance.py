@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import Session, read_session, write_session
 
@@ -41,9 +42,8 @@ def test_known_and_unknown_spheres_come_back(tmp_path):
     ],
 )
 def test_a_row_that_does_not_fit_is_found(tmp_path, row, column, said):
-    with pytest.raises(InputError, match=said) as caught:
-        read_session(written(tmp_path, [*ROWS[:2], row]))
-    assert (caught.value.line, caught.value.column) == (4, column)
+    caught = refuses(said, read_session, written(tmp_path, [*ROWS[:2], row]))
+    assert (caught.line, caught.column) == (4, column)
 
 
 def test_columns_that_do_not_fit_are_refused(tmp_path):
@@ -54,7 +54,6 @@ def test_columns_that_do_not_fit_are_refused(tmp_path):
     with pytest.raises(InputError, match="sphere_distance_mm") as caught:
         read_session(written(tmp_path, ["1,2,b,28"], "q1_deg,q2_deg,sphere,sphere_distance\n"))
     assert caught.value.hint == "sphere_distance_mm"
-    with pytest.raises(InputError, match=r"sphere_distance of shape \(1, 2\)"):
-        Session(np.zeros((1, 2)), sphere=["b"], sphere_distance=[[1.0]])
+    refuses(r"sphere_distance of shape \(1, 2\)", Session, np.zeros((1, 2)), sphere=["b"], sphere_distance=[[1.0]])
     with pytest.raises(InputError, match="distance and uncertainty or none"):
         Session(np.zeros((1, 2)), sphere=["b"], sphere_distance=[[1.0, np.nan]])

@@ -1,11 +1,8 @@
 """A few readings, spread over the positions or in a few seats."""
 
-from __future__ import annotations
-
 import numpy as np
-import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.readings import Session, stratified_rows
 
 
@@ -38,8 +35,7 @@ def test_only_readings_with_points_where_there_are_any():
     points[10:] = np.nan
     given = readings(30, points=points, seat=["S"] * 30)
     assert stratified_rows(given, 10, seed=0).tolist() == list(range(10))
-    with pytest.raises(InputError, match="from 1 to the 10 readings with reference points, got 11"):
-        stratified_rows(given, 11, seed=0)
+    refuses("from 1 to the 10 readings with reference points, got 11", stratified_rows, given, 11, seed=0)
 
 
 def test_readings_in_seats_come_several_to_a_seat():
@@ -55,7 +51,5 @@ def test_readings_in_seats_come_several_to_a_seat():
 
 def test_more_than_there_are_or_none():
     for n in (0, -1, 8):
-        with pytest.raises(InputError, match=rf"from 1 to the 7 readings with reference points, got {n}"):
-            stratified_rows(readings(7), n, seed=0)
-    with pytest.raises(InputError, match="0 readings with a seat"):
-        stratified_rows(readings(7, points=None), 2, seed=0)
+        refuses(rf"from 1 to the 7 readings with reference points, got {n}", stratified_rows, readings(7), n, seed=0)
+    refuses("0 readings with a seat", stratified_rows, readings(7, points=None), 2, seed=0)

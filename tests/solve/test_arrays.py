@@ -1,7 +1,5 @@
 """What the array API lacks, on NumPy and, where it is installed, on PyTorch."""
 
-from __future__ import annotations
-
 import ctypes
 
 import numpy as np

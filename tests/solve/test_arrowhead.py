@@ -1,7 +1,5 @@
 """Blocks eliminated one by one: the same numbers as by the whole matrix."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

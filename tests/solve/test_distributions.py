@@ -1,7 +1,5 @@
 """Chi-squared and F distributions are those of scipy.stats."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

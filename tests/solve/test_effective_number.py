@@ -1,7 +1,5 @@
 """The design effect of correlated readings, and quantiles from counts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Evidence: by hand, at its fixed point, and against planted precisions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sklearn.linear_model import BayesianRidge

@@ -1,7 +1,5 @@
 """The same results whoever computes, whatever happens to the workers."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -17,7 +15,8 @@ import pytest
 from worker_tasks import begun_before, killed_always, killed_once, process_of, slow, square, touched
 
 import truearm as ta
-from truearm.errors import InputError, TruearmError
+from refusals import refuses
+from truearm.errors import TruearmError
 from truearm.solve import executors
 from truearm.solve.executors import AHEAD, Dask, Processes, Serial, WorkerLost, chosen_executor, results_in_order
 
@@ -146,8 +145,7 @@ def test_a_scheduler_that_does_not_answer_is_named():
     "address", ["", "10.0.0.7", "10.0.0.7:8786", "tcp://10.0.0.7", "tcp://host:port", "teapot://host:1"]
 )
 def test_what_is_no_address_of_a_scheduler_is_refused(address):
-    with pytest.raises(InputError, match="expected the address of a scheduler, got .*tcp://10.0.0.7:8786"):
-        chosen_executor(None, address)
+    refuses("expected the address of a scheduler, got .*tcp://10.0.0.7:8786", chosen_executor, None, address)
     assert chosen_executor(None, "tcp://[::1]:8786") == Dask("tcp://[::1]:8786")
 
 

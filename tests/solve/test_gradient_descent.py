@@ -1,7 +1,5 @@
 """Gradient descent on a parabola, every rule by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -81,11 +79,7 @@ def test_a_rate_too_large_ends_plain_descent_at_its_last_numbers():
 
 
 @pytest.mark.parametrize(
-    ("stop", "text"),
-    [
-        (CostGoal(0.3), "Performance goal met."),
-        (MinGradient(1.1), "Minimum gradient reached."),
-    ],
+    ("stop", "text"), [(CostGoal(0.3), "Performance goal met."), (MinGradient(1.1), "Minimum gradient reached.")]
 )
 def test_stops_are_asked_in_order_after_every_epoch(stop, text):
     told = descended(LearningRate(0.1), 50, stops=[stop])

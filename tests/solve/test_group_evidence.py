@@ -1,7 +1,5 @@
 """Evidence by groups: by hand, at its fixed point, against one group's evidence, and where matrices are singular."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

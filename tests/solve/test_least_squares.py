@@ -1,14 +1,13 @@
 """The solver against problems with known answers, and each part against its formula."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from truearm.errors import InputError, TruearmError
+from refusals import refuses
+from truearm.errors import TruearmError
 from truearm.solve import (
     UNSOLVED,
     BestPoint,
@@ -55,8 +54,7 @@ class Residuals:
 
 def rosenbrock():
     return Residuals(
-        lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]),
-        lambda x: np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]),
+        lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), lambda x: np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
     )
 
 
@@ -203,8 +201,7 @@ def test_a_start_that_is_no_number_is_an_error():
     ],
 )
 def test_damping_that_could_never_end_is_refused(make):
-    with pytest.raises(InputError, match="expected"):
-        make()
+    refuses("expected", make)
 
 
 @pytest.mark.parametrize("rule", [MarquardtDamping(mu=1e-19), NielsenDamping(mu=1e-19)])

@@ -1,7 +1,5 @@
 """Posterior from few data: the same as from the equations of the parameters."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,12 +1,10 @@
 """Sums of weighted squares: against chi-squared and F variables, and drawn sums."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import chdtrc, fdtrc
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.laboratory.monitor.expected_values import quadratic_form_quantile_beyond
 
 
@@ -47,5 +45,4 @@ def test_the_unit_does_not_matter_and_nothing_is_zero():
     ],
 )
 def test_what_is_no_form_is_refused(weights, probability, freedom, phrase):
-    with pytest.raises(InputError, match=phrase):
-        quadratic_form_quantile_beyond(np.array(weights), probability, freedom=freedom)
+    refuses(phrase, quadratic_form_quantile_beyond, np.array(weights), probability, freedom=freedom)

@@ -1,7 +1,5 @@
 """Quantiles from counts are those of the numbers, few or many, in parts or whole."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Square roots of covariances: of whole rank, and singular."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

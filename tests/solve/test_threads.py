@@ -1,7 +1,5 @@
 """Laws of `one_blas_thread`: one thread inside, the caller's setting after, and every public verb runs in it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from threading import Event, Thread
 

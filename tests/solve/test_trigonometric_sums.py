@@ -1,7 +1,5 @@
 """Laws of sums of products of cosines and sines: transforms equal the products of matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Tasks for other processes, apart from the tests: what a process imports to run one is most of its start."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

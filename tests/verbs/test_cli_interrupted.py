@@ -1,7 +1,5 @@
 """Interrupted runs, closed pipes and watched terminals: what a program of its own leaves behind."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

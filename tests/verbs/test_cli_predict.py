@@ -1,7 +1,5 @@
 """``truearm predict``: what a session does not state is said."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

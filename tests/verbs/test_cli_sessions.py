@@ -1,7 +1,5 @@
 """Two sessions in one file, tracker and arm metres apart: fit, evaluate and predict find each in its frame."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -20,8 +18,7 @@ def test_a_file_of_two_sessions_is_learned_from_and_found_again(truearm, made, t
     session = np.where(later, "June", "May")
     write_session(replace(readings, points=points, session=session), tmp_path / "s.csv")
 
-    ran = truearm("fit", tmp_path / "s.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m")
-    assert (ran.code, ran.err) == (0, "")
+    ran = truearm("fit", tmp_path / "s.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m").done()
     assert "Each session has a frame of its own: coordinates are in that of session May, those of " in ran.out
     errors = json.loads(truearm("evaluate", tmp_path / "m", tmp_path / "s.csv", "--json").out)
     assert errors["max_mm"] < 0.5

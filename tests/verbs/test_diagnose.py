@@ -1,7 +1,5 @@
 """The doctor at every door: the verb, the command, and the hints of refusals. It proposes, and changes no file."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -10,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import write_arm
 from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
@@ -68,8 +67,7 @@ def test_no_explanation_is_said(readings, rng):
 def test_too_few_readings_are_refused(readings):
     with pytest.raises(InputError, match="expected 8 or more readings with a reference point or in a seat"):
         ta.diagnose("gao2017", readings.rows(np.arange(5)))
-    with pytest.raises(InputError, match="J1 .. J7"):
-        ta.diagnose("measuring7", readings)
+    refuses("J1 .. J7", ta.diagnose, "measuring7", readings)
 
 
 def test_the_command_prints_it_and_changes_no_file(wrong, truearm, tmp_path, monkeypatch):
@@ -121,8 +119,7 @@ def test_sums_and_zeros_are_mended(mistake, matrix, readings):
 
 def test_what_is_wrong_in_the_readings_is_not_mended_in_the_arm():
     for mistake in ("reference points are in m, stated in mm", "J2 is in rad, stated in deg"):
-        with pytest.raises(InputError, match="no arm file mends this"):
-            mended_arm(ta.load_arm("gao2017"), [mistake])
+        refuses("no arm file mends this", mended_arm, ta.load_arm("gao2017"), [mistake])
 
 
 def test_seats_and_a_bar_serve_the_command(truearm, tmp_path, monkeypatch):

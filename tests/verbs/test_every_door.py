@@ -1,7 +1,5 @@
 """What goes out comes in: every kind of file is read back before it replaces anything, models of every door."""
 
-from __future__ import annotations
-
 import datetime
 from dataclasses import replace
 
@@ -19,27 +17,22 @@ from truearm.wings.laboratory.monitor.interim_check import CheckValue, InterimCh
 
 
 @pytest.fixture(scope="module")
-def session():
-    return ta.simulate("ur10", poses=60, seed=1).session
-
-
-@pytest.fixture(scope="module")
-def line(session, tmp_path_factory):
+def line(ur10_session, tmp_path_factory):
     """A large session: a folder of two files."""
     folder = tmp_path_factory.mktemp("line")
     for name, rows in (("a", np.arange(30)), ("b", np.arange(30, 60))):
-        session.rows(rows).save(folder / f"{name}.csv")
+        ur10_session.rows(rows).save(folder / f"{name}.csv")
     return folder
 
 
 @pytest.mark.parametrize("kind", ["nominal", "kinematic"])
-def test_a_model_of_every_door_is_one_that_every_command_reads(session, line, tmp_path, kind):
+def test_a_model_of_every_door_is_one_that_every_command_reads(ur10_session, line, tmp_path, kind):
     out = tmp_path / "m.truearm"
-    small = ta.fit("ur10", session, model=kind)
+    small = ta.fit("ur10", ur10_session, model=kind)
     doors = {
         "small": small.save,
         "large": ta.fit("ur10", line, model=kind).save,
-        "refit": ta.refit(small.model, session, n_readings=20).save,
+        "refit": ta.refit(small.model, ur10_session, n_readings=20).save,
         "model": small.model.save,
     }
     for door, save in doors.items():
@@ -51,9 +44,9 @@ def test_a_model_of_every_door_is_one_that_every_command_reads(session, line, tm
     assert ta.load_model(out).kind == kind
 
 
-def test_a_model_of_a_fleet_is_one_that_every_command_reads(session, tmp_path):
+def test_a_model_of_a_fleet_is_one_that_every_command_reads(ur10_session, tmp_path):
     pytest.importorskip("sqlalchemy")
-    session.rows(np.arange(20)).save(tmp_path / "a.csv")
+    ur10_session.rows(np.arange(20)).save(tmp_path / "a.csv")
     fleet = ta.Fleet.create(tmp_path / "fleet")
     fleet.add("virtual-research-0", "ur10", session=tmp_path / "a.csv", model="nominal")
     assert fleet.run().n_fitted == 1
@@ -89,17 +82,19 @@ def writers(session):
     }
 
 
-def test_no_writer_replaces_a_file_by_one_that_its_reader_refuses(session, tmp_path, unreadable):
-    for name, write in writers(session).items():
+def test_no_writer_replaces_a_file_by_one_that_its_reader_refuses(ur10_session, tmp_path, unreadable):
+    for name, write in writers(ur10_session).items():
         path = tmp_path / name
         with pytest.raises(ProgramFault, match="cannot read back what it wrote"):
             write(path)
         assert not any(tmp_path.iterdir()), name
 
 
-def test_a_model_that_cannot_be_read_is_a_fault_of_the_program_and_the_old_one_stays(session, tmp_path, monkeypatch):
+def test_a_model_that_cannot_be_read_is_a_fault_of_the_program_and_the_old_one_stays(
+    ur10_session, tmp_path, monkeypatch
+):
     out = tmp_path / "m.truearm"
-    model = ta.fit("ur10", session, model="kinematic").model
+    model = ta.fit("ur10", ur10_session, model="kinematic").model
     model.save(out)
     before = out.read_bytes()
     groups = tuple(replace(one, effective=-1.1e-4) for one in model.fit_.groups)

@@ -1,7 +1,5 @@
 """From four readings on a fit goes as far as they show, and every kind of reading is compared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of a fit to orientations: they have a noise of their own, in degrees, and a tool that may be mounted again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

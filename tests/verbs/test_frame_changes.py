@@ -1,7 +1,5 @@
 """A fit says what changed at which line and what to do; followed, it is silent, and the arm is as good as without."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,15 +1,13 @@
 """Laws of what verbs say of an input: the unit of a joint, a base that is nominal, a payload that is not stated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.readings import Session
 
 OWN_FRAME = "Coordinates are in the arm's own frame"
@@ -51,8 +49,7 @@ def model(sliding, readings):
 def test_a_joint_s_unit_must_fit_its_kind(sliding, readings, model, verb, columns, says):
     wrong = replace(readings, angle_columns=columns)
     subject = sliding if verb == "fit" else model
-    with pytest.raises(InputError, match=says):
-        getattr(ta, verb)(subject, wrong)
+    refuses(says, getattr(ta, verb), subject, wrong)
 
 
 def test_a_payload_that_is_not_stated_is_assumed_and_named(readings, model):
@@ -75,15 +72,14 @@ def test_a_model_learned_without_points_names_its_frame_until_refit_places_it():
             assert said is is_said
 
 
-def test_auto_names_the_one_reason_for_which_it_did_not_compare_a_hybrid_model():
-    session = ta.simulate("ur10", poses=60, seed=1).session
+def test_auto_names_the_one_reason_for_which_it_did_not_compare_a_hybrid_model(ur10_session):
     for readings, reason in (
-        (session, "60 readings are too few for its 243 weights"),
-        (replace(session, tip=np.repeat(["A", "B"], 30)), "its networks learn one tip"),
+        (ur10_session, "60 readings are too few for its 243 weights"),
+        (replace(ur10_session, tip=np.repeat(["A", "B"], 30)), "its networks learn one tip"),
     ):
         said = [remark for remark in ta.fit("ur10", readings).remarks if "hybrid" in remark]
         assert said == [f"The hybrid model was not compared: {reason}."]
-    assert not [remark for remark in ta.fit("ur10", session, model="kinematic").remarks if "hybrid" in remark]
+    assert not [remark for remark in ta.fit("ur10", ur10_session, model="kinematic").remarks if "hybrid" in remark]
 
 
 def test_a_plan_that_is_half_filled_in_is_fitted_without_its_empty_rows(tmp_path):
@@ -106,12 +102,10 @@ def test_a_plan_that_is_half_filled_in_is_fitted_without_its_empty_rows(tmp_path
     assert any(remark.startswith("1 of 2 lengths refer to a seat without a reading") for remark in found.remarks)
     frame.iloc[0, 2] = np.nan  # in part: contradicted
     frame.to_csv(tmp_path / "hole.csv", index=False)
-    with pytest.raises(ta.InputError, match="column 'q3_deg': expected a number, got an empty cell"):
-        ta.read_session(tmp_path / "hole.csv")
+    refuses("column 'q3_deg': expected a number, got an empty cell", ta.read_session, tmp_path / "hole.csv")
     frame.iloc[:, :6] = np.nan
     frame.to_csv(tmp_path / "none.csv", index=False)
-    with pytest.raises(ta.InputError, match="none of 40 rows has a number.*fill in what was measured"):
-        ta.read_session(tmp_path / "none.csv")
+    refuses("none of 40 rows has a number.*fill in what was measured", ta.read_session, tmp_path / "none.csv")
 
 
 def test_an_export_of_constants_names_the_payload_and_the_travel_that_it_lacks(sliding, readings, tmp_path):

@@ -1,7 +1,5 @@
 """A known length counts: a model that measures lengths worse than the drawing is not called better than it."""
 
-from __future__ import annotations
-
 import pytest
 
 import truearm as ta

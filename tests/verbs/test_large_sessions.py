@@ -1,13 +1,12 @@
 """Large sessions: parts together are the whole, whoever computes them; a fault is in its line and leaves nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.readings import files, large_sessions, read_session
@@ -86,8 +85,7 @@ def test_points_are_those_of_the_whole_session_whoever_computes_them(folder, ses
     assert found.to_dict()["median_u_mm"] == pytest.approx(np.median(whole.u_mm), rel=2e-3)
     assert found.sums.n_outside == whole.sums.n_outside == whole.outside_training.sum()
     for lacking in (lambda: found.points, found.to_frame, lambda: ta.predict(model, folder)):
-        with pytest.raises(InputError, match="points of a session in parts"):
-            lacking()
+        refuses("points of a session in parts", lacking)
 
 
 def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, model):
@@ -102,8 +100,7 @@ def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, mod
     assert again.to_dict() == parts.to_dict()
     assert set(whole.to_dict()) <= set(parts.to_dict())
     assert parts.figure() is None
-    with pytest.raises(InputError, match="lengths are not compared"):
-        ta.evaluate(model, folder, lengths="lengths.csv")
+    refuses("lengths are not compared", ta.evaluate, model, folder, lengths="lengths.csv")
 
 
 @pytest.mark.parametrize("without", [0, 1, 2])
@@ -143,8 +140,7 @@ def test_a_part_beyond_the_limits_is_skipped_as_in_a_small_session(session, mode
     assert parts.errors["model"]["mean_mm"] == pytest.approx(whole.errors["model"]["mean_mm"], rel=1e-9)
     assert ta.fit("ur10", folder, model="nominal").all_readings.total.sums.n == 57
     (folder / "a.csv").unlink()
-    with pytest.raises(InputError, match="3 of 3 readings are outside the limits of a joint"):
-        ta.evaluate(model, folder)
+    refuses("3 of 3 readings are outside the limits of a joint", ta.evaluate, model, folder)
 
 
 def test_readings_of_the_training_are_recognised(session, folder, tmp_path, monkeypatch):
@@ -195,8 +191,7 @@ def test_a_fault_is_in_its_line_and_no_table_is_written(session, model, tmp_path
     with pytest.raises(InputError) as caught:
         large.sample(N)
     assert caught.value.line == 2501
-    with pytest.raises(InputError, match="line 2501"):
-        ta.predict(model, file, tmp_path / "p.csv")
+    refuses("line 2501", ta.predict, model, file, tmp_path / "p.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["s.csv"]
 
 
@@ -243,8 +238,7 @@ def test_no_file_of_a_folder_is_left_out_unsaid(session, tmp_path):
     (tmp_path / "folder.csv").mkdir()
     assert len(LargeSession.open(tmp_path)) == 18
     (tmp_path / "A.CSV").write_bytes(content.replace(b"\n", b"\r"))
-    with pytest.raises(InputError, match="old Macintosh"):
-        LargeSession.open(tmp_path)
+    refuses("old Macintosh", LargeSession.open, tmp_path)
 
 
 def test_columns_that_pandas_had_as_its_index_are_columns(session, tmp_path):
@@ -265,24 +259,18 @@ def test_readings_in_the_folder_are_not_overwritten(session, model, tmp_path):
     session.rows(np.arange(9)).save(tmp_path / "other.csv")
     (folder / "b.csv").symlink_to(tmp_path / "other.csv")
     for out in (folder / "a.csv", folder / "new.csv", tmp_path / "other.csv"):
-        with pytest.raises(InputError, match="one of the readings in the folder"):
-            ta.predict(model, folder, out)
+        refuses("one of the readings in the folder", ta.predict, model, folder, out)
     assert ta.predict(model, folder, tmp_path / "points.csv").sums.n == 18
 
 
 def test_what_is_no_data_set_is_refused(session, tmp_path):
-    with pytest.raises(InputError, match="expected session files"):
-        LargeSession.open(tmp_path)
+    refuses("expected session files", LargeSession.open, tmp_path)
     session.save(tmp_path / "a.csv")
     (tmp_path / "b.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n1,2,3,4,5,6\n")
-    with pytest.raises(InputError, match=r"b\.csv.*expected the columns of a\.csv"):
-        LargeSession.open(tmp_path)
+    refuses(r"b\.csv.*expected the columns of a\.csv", LargeSession.open, tmp_path)
     (tmp_path / "a.csv").unlink()
-    with pytest.raises(InputError, match="expected 7 joints, got 6"):
-        LargeSession.open(tmp_path, n_joints=7)
+    refuses("expected 7 joints, got 6", LargeSession.open, tmp_path, n_joints=7)
     (tmp_path / "b.csv").write_text("q1_deg\n")
-    with pytest.raises(InputError, match="at least one reading"):
-        LargeSession.open(tmp_path)
+    refuses("at least one reading", LargeSession.open, tmp_path)
     (tmp_path / "b.parquet").write_bytes(b"PAR1 and no more")
-    with pytest.raises(InputError, match="expected a Parquet file"):
-        LargeSession.open(tmp_path)
+    refuses("expected a Parquet file", LargeSession.open, tmp_path)

@@ -1,21 +1,14 @@
 """Outside the trained range u contains what a drawing is wrong by, and the likely mistake is said first."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import truearm as ta
 
 
-@pytest.fixture(scope="module")
-def session():
-    return ta.simulate("ur10", poses=60, seed=1).session
-
-
 @pytest.fixture(scope="module", params=["kinematic", "physical"])
-def model(request, session):
-    return ta.fit("ur10", session, model=request.param).model
+def model(request, ur10_session, ur10_model):
+    return ur10_model if request.param == "kinematic" else ta.fit("ur10", ur10_session, model="physical").model
 
 
 def with_sign(angles, joint):
@@ -32,20 +25,20 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("said", MISTAKES)
-def test_the_likely_mistake_is_the_first_sentence(model, session, said):
-    first = next(iter(ta.predict(model, ta.Session(MISTAKES[said](session.angles))).blocks()))
+def test_the_likely_mistake_is_the_first_sentence(model, ur10_session, said):
+    first = next(iter(ta.predict(model, ta.Session(MISTAKES[said](ur10_session.angles))).blocks()))
     assert "of 60 poses are outside the trained range" in first
     assert said in first
 
 
 @pytest.mark.parametrize("said", sorted(MISTAKES.keys() - {"if J2 and J3 were exchanged"}))
-def test_the_uncertainty_far_outside_is_at_least_the_error_of_the_nominal_arm(model, session, said):
+def test_the_uncertainty_far_outside_is_at_least_the_error_of_the_nominal_arm(model, ur10_session, said):
     """Of a coordinate in the median: the mean distance over sqrt(3). Exchanged, each joint is near its range."""
-    prediction = ta.predict(model, ta.Session(MISTAKES[said](session.angles)))
+    prediction = ta.predict(model, ta.Session(MISTAKES[said](ur10_session.angles)))
     assert np.median(prediction.u_mm) > model.nominal_error() / np.sqrt(3)
 
 
-def test_poses_as_in_the_training_are_not_doubted(model, session):
+def test_poses_as_in_the_training_are_not_doubted(model, ur10_session):
     again = ta.simulate("ur10", poses=60, seed=5).session
     prediction = ta.predict(model, ta.Session(again.angles))
     assert "would be inside" not in str(prediction)
@@ -53,17 +46,17 @@ def test_poses_as_in_the_training_are_not_doubted(model, session):
     assert np.median(prediction.u_mm) < 0.2 * model.nominal_error()
 
 
-def test_a_step_outside_is_not_a_stride(model, session):
+def test_a_step_outside_is_not_a_stride(model, ur10_session):
     """A tenth of a radian outside the readings show how the variance grows; the error of a drawing is not added."""
-    beyond = session.angles.copy()
-    beyond[:, 1] = session.angles[:, 1].max() + 0.1
+    beyond = ur10_session.angles.copy()
+    beyond[:, 1] = ur10_session.angles[:, 1].max() + 0.1
     prediction = ta.predict(model, ta.Session(beyond))
     assert prediction.outside_training.all()
     assert np.median(prediction.u_mm) < 0.5 * model.nominal_error()
 
 
-def test_nothing_else_puts_them_inside(model, session):
-    angles = session.angles.copy()
+def test_nothing_else_puts_them_inside(model, ur10_session):
+    angles = ur10_session.angles.copy()
     angles[:, 4] += np.pi / 2
     angles[:, 1] += 0.7
     assert "poses are outside the trained range: the model was not fitted to such poses" in str(

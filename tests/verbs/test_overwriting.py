@@ -1,7 +1,5 @@
 """What a command does with a file that exists: the table of docs/files.md, row by row."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -97,12 +95,11 @@ def test_force_is_an_option_where_it_changes_something_and_only_there():
 
 
 @pytest.mark.parametrize("row", of_kind(KEPT, FREE), ids=" ".join)
-def test_what_people_type_or_measure_is_kept(truearm, bench, row):
+def test_what_people_type_or_measure_is_kept(refused, bench, row):
     out = out_of(row)
     out.write_text("precious")
     before = sorted(path.name for path in bench.iterdir())
-    ran = truearm(*WRITES[row].split())
-    assert (ran.code, f"{out}: the file exists" in ran.err) == (2, True), ran.err
+    refused(WRITES[row].split(), f"{out}: the file exists")
     assert out.read_text() == "precious"
     assert sorted(path.name for path in bench.iterdir()) == before
 
@@ -117,12 +114,11 @@ def test_force_replaces_it(truearm, bench, row):
 
 @pytest.mark.parametrize("row", of_kind(OWN), ids=" ".join)
 @pytest.mark.parametrize("what", ["m.csv", "other.truearm"])
-def test_what_a_command_makes_again_replaces_its_own_kind_only(truearm, bench, row, what):
+def test_what_a_command_makes_again_replaces_its_own_kind_only(truearm, refused, bench, row, what):
     out = out_of(row)
     shutil.copy(what, out)
     (bench / "t.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,-90,90,0,90,0\n")
-    ran = truearm(*WRITES[row].split())
-    assert (ran.code, "Try: another name" in ran.err) == (2, True), ran.err
+    refused(WRITES[row].split(), "Try: another name")
     assert out.read_bytes() == Path(what).read_bytes()
     out.unlink()
     for _ in range(2):  # the second time over its own
@@ -155,8 +151,7 @@ def test_a_corrected_arm_file_is_of_the_same_arm(truearm, bench):
     (bench / "mine.toml").write_text(corrected)
     assert truearm(*fit, "mine.toml").code == 0
     (bench / "mine.toml").write_text(text.replace('name = "ur10"', 'name = "left"'))
-    ran = truearm(*fit, "mine.toml")
-    assert "a model of another arm: arms 'ur10' and 'left'" in ran.err
+    assert "a model of another arm: arms 'ur10' and 'left'" in truearm(*fit, "mine.toml").err
 
 
 INPUTS = [
@@ -180,16 +175,14 @@ INPUTS = [
 
 
 @pytest.mark.parametrize(("line", "read"), [(line, one) for line, inputs in INPUTS for one in inputs])
-def test_nothing_that_is_read_is_written_over_not_by_force_and_not_by_a_link(truearm, bench, line, read):
+def test_nothing_that_is_read_is_written_over_not_by_force_and_not_by_a_link(refused, bench, line, read):
     (bench / "a.toml").write_bytes((Path(ta.__file__).parent / "arm" / "arms" / "ur10.toml").read_bytes())
     for name in ("a.urdf", "m.toml", "m.html"):
         (bench / name).write_text("read")
     before, link = Path(read).read_bytes(), f"link{Path(read).suffix}"
     (bench / link).symlink_to(read)
     for out in (read, link):
-        ran = truearm(*line.split(), out)
-        assert (ran.code, "would be overwritten" in ran.err) == (2, True), ran.err
+        refused([*line.split(), out], "would be overwritten")
     for other in (line.replace(read, link),) if f" {read}" in line else ():
-        ran = truearm(*other.split(), read)
-        assert (ran.code, "would be overwritten" in ran.err) == (2, True), ran.err
+        refused([*other.split(), read], "would be overwritten")
     assert Path(read).read_bytes() == before

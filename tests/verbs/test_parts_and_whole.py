@@ -1,7 +1,5 @@
 """A folder and the file of the same readings: the same readings count, under the same conditions, in the same words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import large_sessions
 from truearm.readings.large_sessions import joined_sessions
@@ -63,8 +62,7 @@ def beyond(session, n):
 def test_what_was_accepted_in_a_file_is_kept(session, model, tmp_path, executor):
     files = [beyond(session.rows(np.arange(10 * i, 10 * i + 10)), n) for i, n in enumerate((0, 8, 9, 8))]
     folder, out = saved(tmp_path / "set", *files), tmp_path / "z.csv"
-    with pytest.raises(InputError, match="--accept"):
-        ta.predict(model, folder, out)
+    refuses("--accept", ta.predict, model, folder, out)
     found = ta.predict(model, folder, out, accept=WHY, executor=executor)
     said = {one for file in folder.iterdir() if file.stem != "00" for one in overridden_in(model, file)}
     assert [one.reason for one in found.accepted] == [WHY]
@@ -162,8 +160,7 @@ def test_lengths_without_their_seats_in_the_sample_are_refused(session, tmp_path
     lengths = ta.Lengths(np.array(["A", "A"]), np.array(["B", "C"]), np.array([500.0, 700.0]), np.array([0.5, 0.5]))
     monkeypatch.setattr(large_sessions, "SAMPLE", 80)
     said = "1 of 2 lengths are between seats that are not in the sample of 80 of 240 readings"
-    with pytest.raises(InputError, match=said):
-        ta.fit("ur10", folder, model="nominal", lengths=lengths, accept=WHY)
+    refuses(said, ta.fit, "ur10", folder, model="nominal", lengths=lengths, accept=WHY)
 
 
 def test_a_regressor_is_told_that_it_is_evaluated_on_one_file(session, tmp_path):
@@ -184,10 +181,7 @@ def test_files_of_two_arms_are_refused_as_one_file_of_both_is(session, model, tm
     folder, out = saved(tmp_path / "two", *named), tmp_path / "points.csv"
     evaluate, predict = partial(ta.evaluate, anonymous, folder), partial(ta.predict, anonymous, folder, out)
     for verb in (evaluate, predict):
-        with pytest.raises(
-            InputError, match="expected readings of one arm, got serial numbers 'arm 120' and 'arm 180'"
-        ):
-            verb()
+        refuses("expected readings of one arm, got serial numbers 'arm 120' and 'arm 180'", verb)
         assert not out.exists()
         assert len(verb(accept=WHY).findings) > 0
     one = ta.predict(anonymous, saved(tmp_path / "one", named[0]), tmp_path / "one.csv")

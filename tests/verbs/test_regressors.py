@@ -1,11 +1,8 @@
 """A regressor of the user's own in evaluate and report: the errors of any model, and nothing claimed beyond them."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -17,13 +14,13 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 import truearm as ta
+from page_transcripts import block
+from refusals import refuses
 from truearm.pages.html import render
 from truearm.readings import Lengths
 from truearm.verbs.record import to_plain
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
-RESEARCHER = Path(__file__).parents[2] / "docs" / "start" / "researcher.md"
 
 
 class Same:
@@ -139,10 +136,9 @@ def test_a_regressor_fitted_to_a_frame_gets_the_columns_it_knows(readings):
     errors = [ta.evaluate(one, test).errors["model"]["mean_mm"] for one in (of_frame, of_arrays)]
     assert errors[0] == pytest.approx(errors[1], rel=1e-9)
     unknown = LinearRegression().fit(pd.DataFrame(train.angles, columns=list("abcdef")), train.points)
-    with pytest.raises(ta.InputError, match="the session lacks a column LinearRegression was fitted to") as error:
-        ta.evaluate(unknown, test)
-    assert error.value.column == "a"
-    assert "fit(train.angles, train.points)" in error.value.hint
+    error = refuses("the session lacks a column LinearRegression was fitted to", ta.evaluate, unknown, test)
+    assert error.column == "a"
+    assert "fit(train.angles, train.points)" in error.hint
 
 
 def test_regressors_of_a_list_have_the_names_of_their_classes(readings, model):
@@ -202,13 +198,11 @@ def test_what_is_no_point_for_every_reading_is_refused(readings, model, points, 
         lambda: ta.evaluate(Returns(points), readings[1]),
         lambda: ta.report([model, Returns(points)], readings[1]),
     ):
-        with pytest.raises(ta.InputError, match=re.escape(said)):
-            call()
+        refuses(re.escape(said), call)
 
 
 def test_an_error_of_a_page_has_the_name_that_the_user_gave(readings, model):
-    with pytest.raises(ta.InputError, match=r"from mine, shape \(60, 3\)"):
-        ta.report({"a": model, "mine": Returns(np.zeros(60))}, readings[1])
+    refuses(r"from mine, shape \(60, 3\)", ta.report, {"a": model, "mine": Returns(np.zeros(60))}, readings[1])
 
 
 def test_what_is_not_fitted_or_of_other_joints_is_refused(readings):
@@ -218,18 +212,14 @@ def test_what_is_not_fitted_or_of_other_joints_is_refused(readings):
         ta.evaluate(RandomForestRegressor(), readings[1])
     assert "fit(train.angles, train.points)" in error.value.hint
     five = LinearRegression().fit(readings[0].angles[:, :5], readings[0].points)
-    with pytest.raises(ta.InputError, match="6 features, but LinearRegression is expecting 5"):
-        ta.evaluate(five, readings[1])
+    refuses("6 features, but LinearRegression is expecting 5", ta.evaluate, five, readings[1])
 
 
 def test_the_message_of_a_model_inside_is_its_own(readings, model):
     inside = Same(model)
     inside.predict = lambda angles: model.with_tip("N4").predict(angles)
-    with pytest.raises(ta.InputError) as of_model:
-        inside.predict(readings[1].angles)
-    with pytest.raises(ta.InputError) as of_verb:
-        ta.evaluate(inside, readings[1])
-    assert str(of_verb.value) == str(of_model.value)
+    of_model = refuses(None, inside.predict, readings[1].angles)
+    assert str(refuses(None, ta.evaluate, inside, readings[1])) == str(of_model)
 
 
 @pytest.mark.parametrize(
@@ -248,34 +238,29 @@ def test_what_cannot_predict_is_refused(readings, model, thing, said):
         lambda: ta.report([model, thing], readings[1]),
         lambda: ta.report({"a": thing, "b": model}, readings[1]),
     ):
-        with pytest.raises(ta.InputError, match=said) as error:
-            call()
-        assert "a fitted model or a model file" in error.value.hint
-        assert "predict(angles)" in error.value.hint
+        error = refuses(said, call)
+        assert "a fitted model or a model file" in error.hint
+        assert "predict(angles)" in error.hint
 
 
 def test_a_report_needs_a_model_that_knows_the_arm(readings, model):
-    with pytest.raises(ta.InputError, match="at least one model of truearm") as error:
-        ta.report(Same(model), readings[1])
-    assert 'ta.fit(arm, train, model="nominal").model' in error.value.hint
+    error = refuses("at least one model of truearm", ta.report, Same(model), readings[1])
+    assert 'ta.fit(arm, train, model="nominal").model' in error.hint
     nominal = ta.NominalModel(model.arm, free=()).fit_readings(readings[0])
     assert list(ta.report([nominal, Same(model)], readings[1]).errors) == ["nominal", "Same"]
 
 
 def test_no_model_takes_the_name_of_the_nominal_arm(readings, model):
     for models in ({"nominal": model}, {"a": model, "nominal": Same(model)}):
-        with pytest.raises(ta.InputError, match="'nominal' is the name of the nominal arm"):
-            ta.report(models, readings[1])
+        refuses("'nominal' is the name of the nominal arm", ta.report, models, readings[1])
 
 
 def test_a_session_without_references_is_refused(readings, model):
-    with pytest.raises(ta.InputError, match="expected reference points, seats or"):
-        ta.evaluate(Same(model), ta.Session(readings[1].angles))
+    refuses("expected reference points, seats or", ta.evaluate, Same(model), ta.Session(readings[1].angles))
 
 
 def test_other_verbs_take_models_of_truearm_only(readings, model):
-    with pytest.raises(ta.InputError, match="expected a model, got Same"):
-        ta.predict(Same(model), readings[1])
+    refuses("expected a model, got Same", ta.predict, Same(model), readings[1])
 
 
 # The page of the docs -------------------------------------------------------------------------------------------------
@@ -283,9 +268,8 @@ def test_other_verbs_take_models_of_truearm_only(readings, model):
 
 def test_the_example_of_the_docs_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (block,) = re.findall(r"```python\n(.*?)```", RESEARCHER.read_text(encoding="utf-8"), flags=re.DOTALL)
     said: list[object] = []
-    exec(block, {"print": said.append})
+    exec(block("start/researcher.md", "python"), {"print": said.append})
     evaluation, report = said
     errors = {name: figures["mean_mm"] for name, figures in report.errors.items()}
     assert errors["kinematic + process"] == evaluation.errors["model"]["mean_mm"] < errors["nominal"] / 5

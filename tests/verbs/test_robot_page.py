@@ -1,7 +1,5 @@
 """The page for robots: its commands bring a model into a program, a URDF and a C file."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import shlex
@@ -13,14 +11,10 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from page_transcripts import BLOCK, check_printed, commands
+from page_transcripts import BLOCK, DOCS, blocks, check_printed, commands
 from truearm.wings.exports.targets.target_files import read_targets
 
-PAGE = (Path(__file__).parents[2] / "docs" / "start" / "robot.md").read_text(encoding="utf-8")
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}(?: [^\n]*)?\n(.*?)```", PAGE, re.DOTALL)
+PAGE = (DOCS / "start" / "robot.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +57,7 @@ def test_pinocchio_loads_the_urdf(folder):
     pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
     scope = {}
     with contextlib.chdir(folder):
-        exec(blocks("python")[0], scope)  # the page's own lines
+        exec(blocks("start/robot.md", "python")[0], scope)  # the page's own lines
     robot = scope["robot"]
     data, q = robot.createData(), read_targets(folder / "program.csv").joints[0]
     pinocchio.forwardKinematics(robot, data, q)
@@ -76,7 +70,7 @@ def test_the_c_file_compiles_and_has_the_functions_of_the_page_on_exports(folder
     if shutil.which("cc") is None:
         pytest.skip("no C compiler is installed")
     source = (folder / "ur10.c").read_text()
-    exports = (Path(__file__).parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
+    exports = (DOCS / "export.md").read_text(encoding="utf-8")
     functions = re.findall(r"^\| `(truearm_\w+)\(", exports, flags=re.MULTILINE)
     assert len(functions) == 5
     for function in functions:

@@ -1,7 +1,5 @@
 """Two units of one type are two arms: their readings, models and histories do not mix, and both numbers are named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from hashlib import sha256
 
@@ -10,6 +8,7 @@ import pytest
 
 import truearm
 import truearm as ta
+from refusals import refuses
 from truearm.arm import load_arm, read_arm, write_arm
 from truearm.errors import InputError
 from truearm.readings import read_session, write_session
@@ -53,15 +52,13 @@ def test_a_model_keeps_the_number_of_its_readings(model, tmp_path):
 
 def test_readings_of_another_unit_are_refused_with_both_numbers(model):
     says = "readings are of the arm with serial number 'virtual-shop-2', arm 'measuring7' has 'virtual-shop-1'"
-    with pytest.raises(InputError, match=says):
-        ta.evaluate(model, readings(2))
+    refuses(says, ta.evaluate, model, readings(2))
 
 
 def test_a_fit_refuses_an_arm_file_of_another_unit(of_one, tmp_path):
     write_arm(replace(load_arm("measuring7"), serial_number="10018"), tmp_path / "arm.toml")
     assert read_arm(tmp_path / "arm.toml").serial_number == "10018"
-    with pytest.raises(InputError, match=r"'virtual-shop-1'.*'10018'"):
-        ta.fit(tmp_path / "arm.toml", of_one, model="nominal")
+    refuses(r"'virtual-shop-1'.*'10018'", ta.fit, tmp_path / "arm.toml", of_one, model="nominal")
 
 
 def test_readings_without_a_number_are_of_any_unit(model, of_one):
@@ -121,6 +118,5 @@ def test_a_history_is_of_one_unit(model, tmp_path):
     before = (tmp_path / "history.sqlite").read_bytes()
     other = ta.fit("measuring7", readings(2), model="nominal").model
     says = "history are of serial number 'virtual-shop-1', the model is of 'virtual-shop-2'"
-    with pytest.raises(InputError, match=says):
-        ta.check(other, readings(2, seed=2), tmp_path / "history.sqlite")
+    refuses(says, ta.check, other, readings(2, seed=2), tmp_path / "history.sqlite")
     assert (tmp_path / "history.sqlite").read_bytes() == before

@@ -1,7 +1,5 @@
 """The README and the start pages: every block runs, without a network, and prints what the page shows."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import shlex
@@ -109,7 +107,5 @@ def test_the_printed_arm(run_page):
     np.testing.assert_allclose(after - before, expected, atol=0.005)  # deg: a tenth of a count in the page's numbers
 
 
-def test_what_others_call_calibration_is_named(truearm):
-    refused = truearm("calibrate", "readings.csv")
-    assert refused.code == 2
-    assert "calibrate is called fit here. Try: truearm fit --help" in refused.err
+def test_what_others_call_calibration_is_named(refused):
+    refused(["calibrate", "readings.csv"], "calibrate is called fit here. Try: truearm fit --help")

@@ -1,7 +1,5 @@
 """Every public result that is a table has it as a DataFrame."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -33,16 +31,6 @@ def public_records() -> dict[str, type]:
 
 
 @pytest.fixture(scope="module")
-def session():
-    return ta.simulate("ur10", poses=60, seed=1).session
-
-
-@pytest.fixture(scope="module")
-def model(session):
-    return ta.fit("ur10", session, model="kinematic").model
-
-
-@pytest.fixture(scope="module")
 def simulated():
     return ta.simulate_verification("shop", n_arms=2, seed=1)
 
@@ -59,28 +47,28 @@ def circle_arm():
 
 
 @pytest.fixture(scope="module")
-def tables(session, model, simulated, tmp_path_factory):
+def tables(ur10_session, ur10_model, simulated, tmp_path_factory):
     """A result of every kind, and the number of its rows."""
     folder = tmp_path_factory.mktemp("tables")
     in_seats = ta.simulate("ur10", poses=8, strategy="seat", seats=2, seed=3).session
     verified = ta.verify(simulated.points(0), artefacts=simulated.artefacts, specification=simulated.specification)
-    change = ta.compare(model, ta.fit("ur10", session, model="nominal").model)
-    checked = ta.check(model, in_seats, folder / "history.sqlite")
-    ends = ta.Session(session.angles[:2], seat=["A", "B"])
-    measured = ta.measure(model, ends, "length", n_arms=100)
-    ta.export(model, folder / "arm.urdf")
-    exported = ta.check_export(model, folder / "arm.urdf")
-    diagnosis = ta.diagnose("ur10", session)
-    found = ta.reproduce(readings=session, hidden=((2,), (3,)), epochs=3, folds=2, folder=folder / "paper")
+    change = ta.compare(ur10_model, ta.fit("ur10", ur10_session, model="nominal").model)
+    checked = ta.check(ur10_model, in_seats, folder / "history.sqlite")
+    ends = ta.Session(ur10_session.angles[:2], seat=["A", "B"])
+    measured = ta.measure(ur10_model, ends, "length", n_arms=100)
+    ta.export(ur10_model, folder / "arm.urdf")
+    exported = ta.check_export(ur10_model, folder / "arm.urdf")
+    diagnosis = ta.diagnose("ur10", ur10_session)
+    found = ta.reproduce(readings=ur10_session, hidden=((2,), (3,)), epochs=3, folds=2, folder=folder / "paper")
     sources = ta.list_sources()
     return {
-        "Prediction": (ta.predict(model, session), 60),
-        "CorrectedTargets": (ta.correct(model, session.angles[:5]), 5),
-        "Evaluation": (ta.evaluate(model, session), 2),
+        "Prediction": (ta.predict(ur10_model, ur10_session), 60),
+        "CorrectedTargets": (ta.correct(ur10_model, ur10_session.angles[:5]), 5),
+        "Evaluation": (ta.evaluate(ur10_model, ur10_session), 2),
         "ModelChange": (change, len(change.constants)),
         "VerificationResult": (verified, len(verified.rows)),
         "SimulatedVerification": (simulated, len(simulated.rows)),
-        "TaskResult": (ta.task(model, "length", 300, n_arms=100), 1),
+        "TaskResult": (ta.task(ur10_model, "length", 300, n_arms=100), 1),
         "MeasuredFeatures": (measured, len(measured.features[0].quantities)),
         "CheckResult": (checked, len(checked.assessment.trends)),
         "CheckPlan": (ta.plan_check("measuring7", length_mm=400), 18),
@@ -91,7 +79,7 @@ def tables(session, model, simulated, tmp_path_factory):
         "SourceList": (sources, len(sources.missing)),
         "CircleArm": (circle_arm(), 6),
         "CirclesPlan": (ta.plan_circles(6), 4),
-        "ReportResult": (ta.report(model, session), 2),
+        "ReportResult": (ta.report(ur10_model, ur10_session), 2),
     }
 
 
@@ -110,7 +98,7 @@ def test_a_table_has_a_row_for_each_line_and_the_unit_of_each_number(tables):
         check_frame(result, n_rows)
 
 
-def test_numbers_of_a_frame_are_those_of_the_result(tables, model, session):
+def test_numbers_of_a_frame_are_those_of_the_result(tables, ur10_model, ur10_session):
     evaluation = tables["Evaluation"][0]
     by_arm = evaluation.to_frame().set_index("arm")
     for name, errors in evaluation.errors.items():

@@ -1,7 +1,5 @@
 """Readings of a warmer or colder room are said to be just that."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

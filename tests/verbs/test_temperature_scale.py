@@ -1,13 +1,12 @@
 """Temperatures that no room has are asked for by every verb: they are degrees Fahrenheit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 
 N = 30
 
@@ -39,10 +38,9 @@ VERBS = {
 @pytest.mark.parametrize("degC", [45.0, 68.0])
 def test_fahrenheit_is_asked_for_and_may_be_accepted(model, session, tmp_path, verb, degC):
     warm = at(session, degC)
-    with pytest.raises(ta.InputError, match=f"below 45 degC, got {degC:g} degC") as caught:
-        VERBS[verb](model, warm, tmp_path)
-    assert f"{degC:g} degrees Fahrenheit are {(degC - 32) / 1.8:.1f} degC" in caught.value.hint
-    assert "--accept" in caught.value.hint
+    caught = refuses(f"below 45 degC, got {degC:g} degC", VERBS[verb], model, warm, tmp_path)
+    assert f"{degC:g} degrees Fahrenheit are {(degC - 32) / 1.8:.1f} degC" in caught.hint
+    assert "--accept" in caught.hint
     assert "Accepted (a climate chamber)" in str(VERBS[verb](model, warm, tmp_path, accept="a climate chamber"))
 
 

@@ -1,7 +1,5 @@
 """Laws of the records of plan, verify, task, certificate, check, report: one result for both doors."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -9,7 +7,7 @@ import pytest
 
 import truearm as ta
 from confirmed_plan import confirmed
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.verbs.record import Record
 from truearm.wings.laboratory.certificate.certificate import check_plan
 from truearm.wings.laboratory.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
@@ -56,8 +54,7 @@ def test_simulated_points_never_decide_conformity(simulated):
     assert result.verdict.value == "not for conformity decisions"
     assert str(result).startswith("Not for conformity decisions: the points are simulated")
     assert result.to_dict()["coordinates"]["from"] == "virtual arm"
-    with pytest.raises(InputError, match=r"no certificate: the points are simulated: no arm was measured"):
-        check_plan(result.verification)
+    refuses(r"no certificate: the points are simulated: no arm was measured", check_plan, result.verification)
 
 
 def test_points_with_the_serial_number_of_a_virtual_arm_never_decide_conformity(simulated):
@@ -69,8 +66,7 @@ def test_points_with_the_serial_number_of_a_virtual_arm_never_decide_conformity(
     said = f"the serial number {arm.serial_number!r} of the points is that of a virtual arm: no arm was measured"
     assert result.verdict.value == "not for conformity decisions"
     assert str(result).startswith(f"Not for conformity decisions: {said.partition(': ')[0]}.")
-    with pytest.raises(InputError, match=rf"no certificate: {said}. Try: measure the arm"):
-        check_plan(result.verification)
+    refuses(rf"no certificate: {said}. Try: measure the arm", check_plan, result.verification)
     assert "not confirmed" in (ta.verify(measured, **of).verification.gap or "")  # what the plan lacks comes first
     real = ta.verify(replace(measured, serial_number="A-77"), plan=plan, **of)
     assert real.verification.gap is None
@@ -92,8 +88,7 @@ def test_a_record_reads_as_text_as_html_and_as_json(records, verb):
 def test_a_page_is_written_whole_under_a_page_s_name(records, verb, tmp_path):
     records[verb].save_page(tmp_path / "page.html")
     assert (tmp_path / "page.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    with pytest.raises(ta.InputError, match="ends in .html"):
-        records[verb].save_page(tmp_path / "page.pdf")
+    refuses("ends in .html", records[verb].save_page, tmp_path / "page.pdf")
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
@@ -102,10 +97,8 @@ def test_a_page_is_not_written_over_an_input_file(model_and_session, tmp_path):
     file = tmp_path / "model.html"
     model.save(file)
     before = file.read_bytes()
-    with pytest.raises(ta.InputError, match="is an input file"):
-        ta.report(file, session, file)
-    with pytest.raises(ta.InputError, match="is an input file"):
-        ta.task(file, "length", 300, n_arms=100).save_page(file)
+    refuses("is an input file", ta.report, file, session, file)
+    refuses("is an input file", ta.task(file, "length", 300, n_arms=100).save_page, file)
     assert file.read_bytes() == before
 
 
@@ -114,8 +107,7 @@ def test_a_page_is_not_written_to_links_that_form_a_loop(model_and_session, tmp_
     page, file = tmp_path / "loop.html", tmp_path / "model.truearm"
     model.save(file)
     page.symlink_to(page)
-    with pytest.raises(ta.InputError, match="leads back to itself"):
-        ta.report(file, session, page)
+    refuses("leads back to itself", ta.report, file, session, page)
     assert page.is_symlink()
 
 
@@ -134,8 +126,7 @@ def test_paths_and_objects_give_the_same_result(model_and_session, tmp_path):
 def test_a_plan_saves_a_session_to_fill_in_and_never_over_a_file(records, tmp_path):
     (session,) = records["plan"].save(tmp_path / "plan.csv")
     assert session.read_text().count("\n") == 7
-    with pytest.raises(ta.InputError, match="another name"):
-        records["plan"].save(tmp_path / "plan.csv")
+    refuses("another name", records["plan"].save, tmp_path / "plan.csv")
     files = ta.plan("gao2017", "bar", poses=8, seats=1, length_mm=250, terms="constants").save(tmp_path / "bar.csv")
     assert [file.name for file in files] == ["bar.csv", "bar-lengths.csv"]
 
@@ -164,15 +155,13 @@ def test_a_task_takes_a_preset_a_specification_or_a_model(simulated, model_and_s
     ],
 )
 def test_what_does_not_fit_is_refused(call, said):
-    with pytest.raises(ta.InputError, match=said):
-        call()
+    refuses(said, call)
 
 
 def test_the_figure_of_a_record_is_saved_and_its_absence_is_said(records, model_and_session, tmp_path):
     records["task"].save_figure(tmp_path / "task.svg")
     assert (tmp_path / "task.svg").read_text(encoding="utf-8").startswith("<?xml")
-    with pytest.raises(ta.InputError, match="a Prediction has no figure"):
-        ta.predict(*model_and_session).save_figure(tmp_path / "none.svg")
+    refuses("a Prediction has no figure", ta.predict(*model_and_session).save_figure, tmp_path / "none.svg")
     with pytest.raises(ta.InputError, match=r"expected the ending \.svg, \.pdf, \.png, got '\.eps'"):
         records["report"].save_figures(tmp_path / "figures", ending=".eps")
     assert not (tmp_path / "figures").exists()

@@ -1,7 +1,5 @@
 """Laws of an arm with constant motions: its derivatives are those of the arm, and its repeated columns say nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

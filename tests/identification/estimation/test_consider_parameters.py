@@ -1,7 +1,5 @@
 """An error that all readings share: its effect on the coefficients, and the covariance that it adds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,17 +1,15 @@
 """Constants identified from points: planted truth, its uncertainty, the rank known from theory, poor and odd data."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from refusals import refuses
 from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
@@ -336,14 +334,11 @@ def test_invalid_references_are_refused(rng):
     angles = poses(arm, 10, rng)
     points = Points(np.arange(10), arm.chain.tip_in_base(angles))
     state, terms = ArmState(arm.chain, angles), constants(arm.chain)
-    with pytest.raises(InputError, match="expected references, one of a kind, got none"):
-        identify(arm.chain, state, terms, [])
-    with pytest.raises(InputError, match=r"one of a kind, got \['point', 'point'\]"):
-        identify(arm.chain, state, terms, [points, points])
+    refuses("expected references, one of a kind, got none", identify, arm.chain, state, terms, [])
+    refuses(r"one of a kind, got \['point', 'point'\]", identify, arm.chain, state, terms, [points, points])
     turns = (0.0, 0, 1, 0, 0, 0)
     both = [Term(f"J{i}", i, turns, Constant(), "zeros", 1e-3, learn=i == 1) for i in (1, 2)]
-    with pytest.raises(InputError, match="group 'zeros' must have the same value of learn"):
-        identify(arm.chain, state, both, [points])
+    refuses("group 'zeros' must have the same value of learn", identify, arm.chain, state, both, [points])
 
 
 @settings(max_examples=50)

@@ -1,7 +1,5 @@
 """Laws of the root of a covariance: ``F^T F`` is the covariance, and site by site ``F J^T`` is the product."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

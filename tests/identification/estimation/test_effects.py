@@ -1,7 +1,5 @@
 """What groups of terms do: sizes of their motions, and how far the tip moves by them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from test_problem import random_chain, random_state

@@ -1,7 +1,5 @@
 """Artefacts' unknowns eliminated, seat by seat and sphere by sphere: the same numbers as by dense normal equations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.identification.estimation.extrapolation import STEEPEST_GROWTH, Extrapolation
 from truearm.identification.estimation.residual_variance import VarianceFunction
 
@@ -45,14 +45,12 @@ def test_inside_a_variance_function_is_what_it_was_and_outside_never_smaller():
 
 @pytest.mark.parametrize("growth", [-0.1, np.nan, np.inf, 1e6])
 def test_an_impossible_growth_is_refused(growth):
-    with pytest.raises(InputError, match="growth"):
-        Extrapolation(RANGES, SLIDES, growth)
+    refuses("growth", Extrapolation, RANGES, SLIDES, growth)
 
 
 @pytest.mark.parametrize("ranges", [RANGES[:, ::-1], RANGES[:2], np.full((3, 2), np.nan)])
 def test_ranges_that_are_none_are_refused(ranges):
-    with pytest.raises(InputError, match="range of every joint"):
-        Extrapolation(ranges, SLIDES, 1.0)
+    refuses("range of every joint", Extrapolation, ranges, SLIDES, 1.0)
 
 
 def test_a_joint_that_never_moved_has_a_range_of_one_angle():

@@ -1,7 +1,5 @@
 """Laws of few readings: what is evaluated one reading at a time is what is evaluated many at a time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What readings leave open, on arms of which it is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

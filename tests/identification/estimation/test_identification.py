@@ -1,7 +1,5 @@
 """Identification of terms of all sorts: planted truth in its uncertainty, pruning, few and foul readings, bad input."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
+from refusals import refuses
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.identification.estimation import identification
@@ -249,32 +248,24 @@ def reading(arm):
 def test_points_that_are_not_those_of_the_readings_are_refused(rows, shape, message, arm):
     angles, points = reading(arm)
     with pytest.raises(InputError, match=message):
-        identify(
-            arm.chain,
-            ArmState(arm.chain, angles),
-            constants(arm.chain),
-            [Points(rows, np.resize(points, shape))],
-        )
+        identify(arm.chain, ArmState(arm.chain, angles), constants(arm.chain), [Points(rows, np.resize(points, shape))])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e9, 1e300])
 def test_points_beyond_any_reach_are_refused(value, arm):
     _, points = reading(arm)
     points[4, 1] = value
-    with pytest.raises(InputError, match="at reading 15"):
-        Points(np.arange(10, 16), points)
+    refuses("at reading 15", Points, np.arange(10, 16), points)
 
 
 def test_uncertainties_of_another_shape_are_refused(arm):
     _, points = reading(arm)
-    with pytest.raises(InputError, match=r"uncertainties of shape \(6, 3\), got \(6, 1\)"):
-        Points(np.arange(6), points, np.ones((6, 1)))
+    refuses(r"uncertainties of shape \(6, 3\), got \(6, 1\)", Points, np.arange(6), points, np.ones((6, 1)))
 
 
 @pytest.mark.parametrize("seat", [np.zeros(5, int), np.arange(6), np.full(6, -1)])
 def test_readings_of_no_seat_are_refused(seat):
-    with pytest.raises(InputError, match="expected one of 1 seats at each of 6 readings"):
-        Seats(np.arange(6), seat, ("a",))
+    refuses("expected one of 1 seats at each of 6 readings", Seats, np.arange(6), seat, ("a",))
 
 
 def test_a_term_beyond_the_chain_is_refused(arm):

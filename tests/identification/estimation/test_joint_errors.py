@@ -1,7 +1,5 @@
 """A joint's own error: what its harmonics do to the joint, with the uncertainty of their coefficients."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

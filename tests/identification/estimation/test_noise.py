@@ -1,7 +1,5 @@
 """Laws of noise and weights, for readings of any number of residuals: a plane's one, a point's three, a pose's six."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import chi2

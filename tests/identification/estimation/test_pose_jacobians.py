@@ -1,7 +1,5 @@
 """Derivatives of poses by the joints, with the slopes of the small motions; what is neglected stays small."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

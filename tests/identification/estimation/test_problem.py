@@ -1,7 +1,5 @@
 """The problem of terms and references: derivatives, sums without the Jacobian against the Jacobian, pieces, threads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -8,8 +8,6 @@ of the tip: 4 n + 3 of them. A table says some things twice and nothing of other
 - without a length the size of everything: 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Uncertainty of tips against each other: what is left when a frame is fitted to them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

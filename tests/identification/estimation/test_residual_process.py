@@ -1,7 +1,5 @@
 """The proposal of a residual process: its evidence against the dense formula, and when there is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What a model cannot explain, from readings held out: by hand, its order statistic, planted variances."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

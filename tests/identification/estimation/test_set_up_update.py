@@ -1,7 +1,5 @@
 """Base and tip identified anew and the arm updated: against dense algebra, and against many planted arms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of the constants of a type: planted means and scatters are recovered, what no readings determine stays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

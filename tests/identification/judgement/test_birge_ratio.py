@@ -1,7 +1,5 @@
 """By how much a posterior is too sure: residuals as shown over residuals as supposed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

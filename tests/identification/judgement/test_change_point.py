@@ -1,7 +1,5 @@
 """What changes during a session is found, with its kind, row and size; where nothing changes nothing is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Readings as an arm identified without their group sees them: the closed form against identifying it without."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace

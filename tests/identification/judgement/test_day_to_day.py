@@ -1,7 +1,5 @@
 """What changes from day to day: its covariance, and its size from several sessions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

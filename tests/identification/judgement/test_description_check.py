@@ -1,7 +1,5 @@
 """A planted mistake is named, a right arm is left alone, and what readings do not tell apart is named together."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -57,8 +55,7 @@ def test_the_restricted_likelihood_is_the_density_of_contrasts(rng):
     contrasts = null_space(free.T)
     densities = [
         multivariate_normal.logpdf(
-            contrasts.T @ r,
-            cov=contrasts.T @ (noise**2 * np.eye(12) + tolerances @ tolerances.T) @ contrasts,
+            contrasts.T @ r, cov=contrasts.T @ (noise**2 * np.eye(12) + tolerances @ tolerances.T) @ contrasts
         )
         for noise in NOISE_MM
     ]

@@ -1,7 +1,5 @@
 """Gross errors are distinguished from honest ones by what is held out, whatever their size, and take no part."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Errors stated are those of all readings held out, and of two models the one that predicts worse loses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

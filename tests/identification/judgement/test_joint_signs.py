@@ -1,7 +1,5 @@
 """A sign that readings do not show is said, and the uncertainty contains both; one that they show changes nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """A wrong length is named by what is found without it, in closed form; right ones are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The error that a model of constants makes by the terms that it does not have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Readings far off are listed, the farthest first, and no others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A length or distance that no arm of this drawing can have is refused, as it would make one of another size."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an arm leaves is separated into noise and structure: planted sizes of both are found."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

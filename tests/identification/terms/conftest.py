@@ -1,7 +1,5 @@
 """States of random arms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

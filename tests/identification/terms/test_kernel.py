@@ -1,7 +1,5 @@
 """The basis of a process over all joints: its covariances, what it leaves out, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.terms import ArmState, InducedProcess, basis_from_data
@@ -102,8 +101,7 @@ def test_it_is_plain_data(rng):
     ],
 )
 def test_what_it_refuses(angles, scales, sliding, problem):
-    with pytest.raises(InputError, match=problem):
-        InducedProcess(angles, scales, sliding)
+    refuses(problem, InducedProcess, angles, scales, sliding)
 
 
 def test_an_arm_with_other_joints_is_refused():

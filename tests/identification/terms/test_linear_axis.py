@@ -1,18 +1,16 @@
 """Errors of a rail before an arm: their functions, what is offered, and planted truth."""
 
-from __future__ import annotations
-
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from page_transcripts import blocks
+from refusals import refuses
 from truearm.arm.arm_files import read_arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.identification.terms import ArmState, basis_from_data
 from truearm.identification.terms.catalogue import candidate_terms
 from truearm.identification.terms.linear_axis import Travel, TravelHarmonics, linear_axis
@@ -25,7 +23,6 @@ from truearm.wings.exports.export import check_export, export
 from truearm.wings.planning.plan import plan
 from truearm.wings.planning.simulate import simulate
 
-PAGE = Path(__file__).parents[3] / "docs" / "arm-file.md"
 NOISE_MM = 0.01
 ON_THE_RAIL = """
 [[joints]]
@@ -55,7 +52,7 @@ working_deg = 0.0
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     """The rail of the documentation, with an arm that turns and lifts."""
-    (text,) = re.findall(r'```toml\n(name = "rail-arm".*?)```', PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    (text,) = (text for text in blocks("arm-file.md", "toml") if text.startswith('name = "rail-arm"'))
     file = tmp_path_factory.mktemp("rail") / "rail.toml"
     file.write_text(text + ON_THE_RAIL)
     return read_arm(file)
@@ -135,8 +132,7 @@ def test_the_verbs_take_an_arm_on_a_rail_or_say_why_not(arm, trained, test_sessi
     assert fit(arm, trained, model="kinematic").model.n_train_ == 150
     assert evaluate(physical, test_session).errors["model"]["mean_mm"] < 3 * NOISE_MM
     assert "tracker" in str(plan(arm, "tracker", poses=12))
-    with pytest.raises(InputError, match="virtual arms have rotary joints only"):
-        simulate(arm, poses=10)
+    refuses("virtual arms have rotary joints only", simulate, arm, poses=10)
     export(physical, tmp_path / "m.c")
     assert check_export(physical, tmp_path / "m.c").agrees
 
@@ -205,12 +201,10 @@ def test_only_a_first_joint_is_a_rail(make_chain):
 def test_plain_data_and_wrong_fields(make_state):
     for basis in (Travel(1, 2.5), TravelHarmonics(1, 4000, (1, 2))):
         assert basis_from_data(json.loads(json.dumps(basis.as_data()))) == basis
-        with pytest.raises(InputError, match="expected a sliding joint, got J1"):
-            basis.values(make_state())
+        refuses("expected a sliding joint, got J1", basis.values, make_state())
     for wrong in (
         {"kind": "Travel", "joint": 1, "from_mm": "a"},
         {"kind": "TravelHarmonics", "joint": 1, "period_mm": 0.0, "orders": [1]},
         {"kind": "TravelHarmonics", "joint": 1, "period_mm": 10.0, "orders": [2, 1]},
     ):
-        with pytest.raises(InputError, match="expected"):
-            basis_from_data(wrong)
+        refuses("expected", basis_from_data, wrong)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.identification.terms import (
     LinkMasses,
     directions,
@@ -139,5 +139,4 @@ def test_links_may_have_their_own_temperatures():
     ],
 )
 def test_mismatched_shapes_are_refused(call, says):
-    with pytest.raises(InputError, match=says):
-        call(horizontal_arm(2))
+    refuses(says, call, horizontal_arm(2))

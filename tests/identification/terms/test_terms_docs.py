@@ -1,9 +1,9 @@
 """The page about terms says what the program does."""
 
 import json
-import re
 from pathlib import Path
 
+from page_transcripts import blocks
 from truearm.identification.terms import Term, basis, catalogue
 from truearm.identification.terms.expression import INPUTS
 
@@ -12,8 +12,8 @@ PAGE = Path(__file__).parents[3] / "docs" / "terms.md"
 
 def test_its_example_runs_and_gives_what_it_states():
     names: dict = {"__name__": "example"}
-    for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL):
-        exec(block, names)
+    for text in blocks("terms.md", "python"):
+        exec(text, names)
     belt, cable, state = names["belt"], names["cable"], names["state"]
     assert names["not_offered"][0].reason == "the readings have no temperature"
     assert cable.basis.values(state).shape == (2, 500)

@@ -10,6 +10,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.pages.drawings import error_figures as figures
 from truearm.pages.drawings import joint_figures
@@ -199,8 +200,7 @@ def test_more_models_than_pens_are_drawn():
     ],
 )
 def test_bad_arrays_are_refused_with_what_came_and_where(draw, told):
-    with pytest.raises(InputError, match=told):
-        draw()
+    refuses(told, draw)
 
 
 def test_the_arrays_given_are_left_as_they_were():
@@ -263,8 +263,7 @@ def test_drawings_are_saved_whole_and_alike_each_time_with_unique_ids(tmp_path):
 
 def test_a_missing_folder_is_named(tmp_path):
     _, _, _, lengths = made_up(5)
-    with pytest.raises(InputError, match="does not exist"):
-        figures.before_after(lengths).save(tmp_path / "none" / "a.png")
+    refuses("does not exist", figures.before_after(lengths).save, tmp_path / "none" / "a.png")
 
 
 def test_a_few_readings_have_a_largest_error_and_no_95th_percentile():

@@ -1,7 +1,5 @@
 """`truearm record --headless`: JSON lines out, commands in, and a kill at any moment."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -43,8 +41,7 @@ def simulated(tmp_path):
 
 def test_events_are_json_lines(truearm, tmp_path, simulated, standard_input):
     out = tmp_path / "session.csv"
-    ran = truearm("record", "--source", f"replay:{simulated}@max", "--out", out, "--arm", "ur10", "--headless")
-    assert (ran.code, ran.err) == (0, "")
+    ran = truearm("record", "--source", f"replay:{simulated}@max", "--out", out, "--arm", "ur10", "--headless").done()
     events = [json.loads(line) for line in ran.out.splitlines()]
     assert [event["event"] for event in events] == ["ready", "reading", *["reading", "learned"] * 2, "notice", "end"]
     assert events[1]["reading"] == 1
@@ -77,11 +74,11 @@ def test_without_a_terminal_it_says_what_to_do(truearm, tmp_path, simulated):
     )
 
 
-def test_a_wrong_source_is_one_line(truearm, tmp_path):
-    ran = truearm("record", "--source", "teapot:1", "--out", tmp_path / "a.csv", "--headless")
-    assert ran.code == 2
-    assert ran.err.startswith("truearm: expected a source, got 'teapot:1'")
-    assert len(ran.err.splitlines()) == 1
+def test_a_wrong_source_is_one_line(refused, tmp_path):
+    refused(
+        ["record", "--source", "teapot:1", "--out", tmp_path / "a.csv", "--headless"],
+        "truearm: expected a source, got 'teapot:1'",
+    )
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")

@@ -1,7 +1,5 @@
 """Laws of `export` and `check_export` at both doors, whatever the format."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
@@ -9,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import write_arm
 from truearm.errors import MissingTool
 from truearm.wings.exports.targets.manifest import read_manifest
@@ -129,14 +128,12 @@ def test_an_arm_file_keeps_its_serial_number(tmp_path):
     ],
 )
 def test_what_cannot_be_written_is_refused_and_nothing_is_written(model, tmp_path, name, options, words):
-    with pytest.raises(ta.InputError, match=re.escape(words)):
-        ta.export(model, tmp_path / name, **options)
+    refuses(re.escape(words), ta.export, model, tmp_path / name, **options)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_options_of_constants_do_not_apply_to_a_whole_model(model, session, tmp_path):
-    with pytest.raises(ta.InputError, match="region does not apply to the format json"):
-        ta.export(model, tmp_path / "arm.json", region=session)
+    refuses("region does not apply to the format json", ta.export, model, tmp_path / "arm.json", region=session)
     with pytest.raises(ta.InputError, match=r"source does not apply to the format constants.*convention"):
         ta.export(model, tmp_path / "arm.csv", format="constants", source="robot.urdf")
 
@@ -224,8 +221,7 @@ def test_other_than_five_check_poses_of_all_joints_are_damage(model, exported, c
         "short": tuple(pose.model_copy(update={"joints": pose.joints[:5]}) for pose in poses),
     }
     restated(exported, check_poses=changed[change])
-    with pytest.raises(ta.InputError, match="truearm-export is damaged"):
-        ta.check_export(model, exported)
+    refuses("truearm-export is damaged", ta.check_export, model, exported)
 
 
 def test_a_file_whose_content_was_not_run_is_not_verified(truearm, model, tmp_path, monkeypatch):

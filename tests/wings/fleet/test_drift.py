@@ -1,7 +1,5 @@
 """Drift of an arm's constants: from earlier models and from the type, in combined standard uncertainties."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A fleet: what is fitted once is not fitted again, one arm stops no other, no failure replaces a model."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -13,6 +11,7 @@ import pytest
 
 import truearm as ta
 from frame_laws import check_frame
+from refusals import refuses
 from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.solve.executors import Processes, WorkerLost
@@ -78,8 +77,7 @@ def test_the_model_in_force_is_that_of_a_fit(fleet, sessions):
     shifts = np.array([one["value"] for one in row.constants if one["name"] in ("base x", "base y", "base z")])
     np.testing.assert_array_less(np.abs(shifts), 5)  # mm; a virtual arm stands within some mm of its nominal base
     assert {one["unit"] for one in row.constants} == {"mm", "rad"}
-    with pytest.raises(InputError, match="no model of an arm 'x'"):
-        fleet.model("x")
+    refuses("no model of an arm 'x'", fleet.model, "x")
 
 
 def test_readings_of_another_arm_are_refused_when_they_are_added(fleet, sessions):
@@ -113,8 +111,7 @@ def test_an_arm_that_is_removed_leaves_its_results_and_comes_back(fleet, session
     assert said.startswith(
         "virtual-research-0 is no longer in the registry, nor are its 1 session, 1 fit, 0 checks, 0 certificates."
     )
-    with pytest.raises(InputError, match="no arm 'virtual-research-0' is in the registry"):
-        fleet.remove(row.serial_number)
+    refuses("no arm 'virtual-research-0' is in the registry", fleet.remove, row.serial_number)
     fleet.registry.record(row, in_force=True)  # of a run that was under way
     assert [one.serial_number for one in fleet.status().arms] == ["virtual-research-1"]
     fleet.run()
@@ -123,8 +120,7 @@ def test_an_arm_that_is_removed_leaves_its_results_and_comes_back(fleet, session
     assert fleet.run().n_fitted == 1
     assert len(pd.read_parquet(fleet.folder / "results")) == 2
     (fleet.folder / "results" / "fits.parquet").write_bytes(b"PAR1")
-    with pytest.raises(InputError, match="the data set of results is damaged"):
-        fleet.run()
+    refuses("the data set of results is damaged", fleet.run)
 
 
 def test_new_readings_of_a_known_arm_need_no_type(fleet, sessions):
@@ -248,8 +244,7 @@ def test_a_model_file_that_is_gone_is_made_again(fleet, sessions):
     (row,) = fleet.run().rows
     before = fleet.model_file(row.key).read_bytes()
     fleet.model_file(row.key).unlink()
-    with pytest.raises(InputError, match="does not exist. Try: truearm fleet run fits it again"):
-        fleet.model("virtual-research-0")
+    refuses("does not exist. Try: truearm fleet run fits it again", fleet.model, "virtual-research-0")
     assert fleet.status().arms[0].what == "to be fitted"
     fleet.run()
     assert fleet.model_file(row.key).read_bytes() == before
@@ -389,16 +384,14 @@ BAD = [
 @pytest.mark.parametrize(("changed", "message"), BAD, ids=lambda one: str(one)[:30])
 def test_an_arm_that_cannot_be_is_refused(fleet, sessions, changed, message):
     """And with it all others of the list."""
-    with pytest.raises(InputError, match=message):
-        fleet.add_all([*arms_of(sessions, 0), replace(arms_of(sessions, 1)[0], **changed)])
+    refuses(message, fleet.add_all, [*arms_of(sessions, 0), replace(arms_of(sessions, 1)[0], **changed)])
     assert fleet.registry.arms() == []
 
 
 def test_an_arm_of_another_type_is_refused(fleet, sessions):
     fleet.add_all(arms_of(sessions, 0))
     assert fleet.add("virtual-research-0", "UR-10") == 0  # another way to write it
-    with pytest.raises(InputError, match="is in the registry as an arm 'ur10', got 'ur5'"):
-        fleet.add("virtual-research-0", "ur5")
+    refuses("is in the registry as an arm 'ur10', got 'ur5'", fleet.add, "virtual-research-0", "ur5")
 
 
 def test_a_list_as_a_spreadsheet_saves_it(tmp_path):
@@ -419,31 +412,25 @@ def test_a_list_as_a_spreadsheet_saves_it(tmp_path):
 )
 def test_a_list_with_a_mistake_names_its_place(tmp_path, text, message):
     (tmp_path / "arms.csv").write_text(text)
-    with pytest.raises(InputError, match=message):
-        read_arm_list(tmp_path / "arms.csv")
+    refuses(message, read_arm_list, tmp_path / "arms.csv")
 
 
 def test_a_folder_that_is_none_of_a_fleet(tmp_path):
-    with pytest.raises(InputError, match="expected the folder of a fleet"):
-        Fleet(tmp_path)
+    refuses("expected the folder of a fleet", Fleet, tmp_path)
     (tmp_path / "fleet.toml").write_text("[fleet]\n")
-    with pytest.raises(InputError, match="database"):
-        Fleet(tmp_path)
+    refuses("database", Fleet, tmp_path)
     (tmp_path / "fleet.toml").write_text('[fleet]\ndatabase = "sqlite:///other.sqlite"\n')
     (tmp_path / "other.sqlite").touch()
-    with pytest.raises(InputError, match="another database"):
-        Fleet(tmp_path)
+    refuses("another database", Fleet, tmp_path)
 
 
 def test_a_fleet_is_not_made_twice(fleet):
-    with pytest.raises(InputError, match="already"):
-        Fleet.create(fleet.folder)
+    refuses("already", Fleet.create, fleet.folder)
 
 
 @pytest.mark.parametrize("url", ["registry.sqlite", "nosql://host/fleet", "postgresql+psycopg://host:port/fleet"])
 def test_a_url_that_is_none(url):
-    with pytest.raises(InputError, match="the database cannot be opened"):
-        Registry(url)
+    refuses("the database cannot be opened", Registry, url)
 
 
 @pytest.mark.parametrize(
@@ -455,16 +442,13 @@ def test_a_url_that_is_none(url):
     ],
 )
 def test_no_password_is_written_or_shown(tmp_path, url):
-    with pytest.raises(InputError, match="without a password") as found:
-        Fleet.create(tmp_path / "fleet", database=url)
-    assert "secret" not in str(found.value)
+    assert "secret" not in str(refuses("without a password", Fleet.create, tmp_path / "fleet", database=url))
     assert not (tmp_path / "fleet" / "fleet.toml").exists()
 
 
 @pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:"])
 def test_a_registry_in_memory_is_refused(tmp_path, url):
-    with pytest.raises(InputError, match="gone with the program"):
-        Fleet.create(tmp_path, database=url)
+    refuses("gone with the program", Fleet.create, tmp_path, database=url)
 
 
 @pytest.mark.parametrize("url", ["sqlite:///r.sqlite", "sqlite+pysqlite:///r.sqlite"])
@@ -476,8 +460,7 @@ def test_a_file_of_sqlite_is_in_the_folder_whatever_its_name(tmp_path, url):
 
 def test_a_registry_that_is_gone_is_not_made_anew(fleet):
     (fleet.folder / "registry.sqlite").unlink()
-    with pytest.raises(InputError, match="does not exist. Try: restore it from a backup"):
-        Fleet(fleet.folder)
+    refuses("does not exist. Try: restore it from a backup", Fleet, fleet.folder)
     assert not (fleet.folder / "registry.sqlite").exists()
 
 

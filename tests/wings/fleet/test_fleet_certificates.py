@@ -1,7 +1,5 @@
 """Certificates of a fleet's arms: number, day, verdict and next due day are in the registry, and in every state."""
 
-from __future__ import annotations
-
 import datetime
 from dataclasses import replace
 from hashlib import sha256
@@ -10,6 +8,7 @@ import pytest
 
 import truearm as ta
 from made_up_dcc import RECALIBRATION, dcc, quantity, real, result, text
+from refusals import refuses
 from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.wings.fleet.certificates import RegisteredCertificate
@@ -130,8 +129,7 @@ def test_what_is_no_certificate_of_the_fleet_is_refused_and_nothing_kept(fleet, 
         (bad, "bad.xml"),
         (same, "4711 has a certificate 1234 EX 26 with another content"),
     ):
-        with pytest.raises(InputError, match=message):
-            fleet.add_certificates([file, wrong])
+        refuses(message, fleet.add_certificates, [file, wrong])
         assert fleet.registry.certificates() == {}
 
 

@@ -1,7 +1,5 @@
 """The history of an arm's interim checks in the registry: the rows of a file, and what they say is the arm's state."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import re
@@ -12,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.wings.fleet.check_history import RegisteredHistory
@@ -65,10 +64,8 @@ def test_a_registry_and_a_file_keep_the_same_rows(tmp_path, fleet):
         assert history.append(more)
         assert not history.append(check(1))
         history.withdraw(check(1), Withdrawal(datetime.datetime(2026, 2, 1), "the ball was dirty"))
-        with pytest.raises(InputError, match="before the last one of 2026-01-02"):
-            history.append(check(1, session="c" * 64))
-        with pytest.raises(InputError, match="are of arm 'ur10', the model is of arm 'ur5'"):
-            history.append(check(3), arm="ur5")
+        refuses("before the last one of 2026-01-02", history.append, check(1, session="c" * 64))
+        refuses("are of arm 'ur10', the model is of arm 'ur5'", history.append, check(3), arm="ur5")
     assert rows_of(both[0]) == rows_of(both[1])
     assert both[0].head == both[1].head
     assert both[0].checks(MODEL) == both[1].checks(MODEL)
@@ -119,10 +116,8 @@ def test_checks_of_a_model_before_say_nothing_of_the_one_in_force(fleet):
 def test_an_arm_has_its_own_history(fleet, files):
     with pytest.raises(InputError, match=f"are of serial number '{ARM}', the model is of 'virtual-research-1'"):
         fleet.history(ARM).append(check(1), arm="ur10", serial_number="virtual-research-1")
-    with pytest.raises(InputError, match="virtual-research-1"):
-        fleet.check(ARM, files / "other.csv")
-    with pytest.raises(InputError, match="no arm 'x' is in the registry"):
-        fleet.history("x")
+    refuses("virtual-research-1", fleet.check, ARM, files / "other.csv")
+    refuses("no arm 'x' is in the registry", fleet.history, "x")
     assert fleet.history(ARM).models() == ()
 
 
@@ -142,8 +137,7 @@ def test_a_changed_row_is_refused(fleet, statement, message):
     with closing(sqlite3.connect(fleet.folder / "registry.sqlite")) as database:
         database.execute(statement)
         database.commit()
-    with pytest.raises(InputError, match=f"checks of {ARM} in .*damaged .*{message}.*restore the database"):
-        history.checks(MODEL)
+    refuses(f"checks of {ARM} in .*damaged .*{message}.*restore the database", history.checks, MODEL)
 
 
 def test_of_two_writers_none_loses_a_check(fleet):

@@ -1,7 +1,5 @@
 """A full disk and a lost database: they are said, what was done is kept, and the same command does the rest."""
 
-from __future__ import annotations
-
 import errno
 import tempfile
 from pathlib import Path

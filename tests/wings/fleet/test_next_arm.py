@@ -1,7 +1,5 @@
 """What a fleet teaches about the next arm: it helps where arms have something in common, and is refused where not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 
 import truearm as ta
 from frame_laws import check_frame
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.identification.terms.type_prior import HeldOutGain
 from truearm.wings.fleet.type_prior import (
     ArmTask,
@@ -105,15 +103,13 @@ def test_a_prior_is_kept_only_if_arms_held_out_say_so(gains, helps):
 
 def test_a_prior_that_does_not_help_is_not_written(learned, tmp_path):
     useless = LearnedTypePrior(learned.prior, helps=False)
-    with pytest.raises(InputError, match=r"No gain"):
-        useless.save(tmp_path / "type.toml")
+    refuses(r"No gain", useless.save, tmp_path / "type.toml")
     assert not list(tmp_path.iterdir())
 
 
 def test_too_few_arms_teach_nothing(nominal, as_built):
     two = {f"{i}": linearised_arm(nominal, readings(as_built, i).session) for i in range(2)}
-    with pytest.raises(InputError, match="expected 3 arms or more of the type with 20 readings each, got 2"):
-        learned_from(nominal, two)
+    refuses("expected 3 arms or more of the type with 20 readings each, got 2", learned_from, nominal, two)
 
 
 def test_a_file_that_cannot_be_used_is_a_reason(tmp_path):
@@ -126,17 +122,14 @@ def test_a_fleet_learns_from_its_files_whoever_computes(as_built, tmp_path):
     for i in range(3):
         readings(as_built, i).save(tmp_path / f"{i}.csv")
         fleet.add(f"virtual-shop-{i}", "ur10", session=tmp_path / f"{i}.csv", model="nominal")
-    with pytest.raises(InputError, match="no arm with a model in force"):
-        fleet.type_prior()
+    refuses("no arm with a model in force", fleet.type_prior)
     fleet.run()
     serial = fleet.type_prior("ur10")
     check_frame(serial, len(serial.prior.constants))
     assert serial.prior.arms == ("virtual-shop-0", "virtual-shop-1", "virtual-shop-2")
     (tmp_path / "2.csv").write_text("q1_deg\n1\n")
-    with pytest.raises(InputError, match="got 2"):
-        fleet.type_prior()
-    with pytest.raises(InputError, match="expected the type panda, the fleet has arms of ur10"):
-        fleet.type_prior("panda")
+    refuses("got 2", fleet.type_prior)
+    refuses("expected the type panda, the fleet has arms of ur10", fleet.type_prior, "panda")
     fleet.close()
 
 
@@ -155,8 +148,7 @@ def test_a_run_fits_every_arm_with_what_the_others_of_its_type_have_in_common(as
     assert not fleet.run().rows
     assert {state.what for state in fleet.status().arms} == {"in force"}
     learned.prior.model_copy(update={"arm_sha256": "0" * 64}).save(tmp_path / "other.toml")
-    with pytest.raises(InputError, match="expected the prior of a type of the fleet, got one of 'ur10'"):
-        fleet.run(prior=tmp_path / "other.toml")
+    refuses("expected the prior of a type of the fleet, got one of 'ur10'", fleet.run, prior=tmp_path / "other.toml")
     for file in (tmp_path / "fleet" / "priors").iterdir():
         file.unlink()
     before = fleet.run()

@@ -1,7 +1,5 @@
 """The registry with many writers at once: no result is lost or double, also when the database is killed."""
 
-from __future__ import annotations
-
 import datetime
 import itertools
 import os

@@ -1,7 +1,5 @@
 """Session files here and elsewhere: read once as long as they are as they were, and from URLs as from this machine."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -76,10 +76,7 @@ def made_up_final_test(seeds):
         "varpro": (0.0095, 0.061, 97.9, 45.0),
         "kinematic": (0.0078, 0.034, 98.3, 0.4),
     }
-    paper = {
-        "nominal": FINAL_TEST["nominal"],
-        "network": FINAL_TEST["network"],
-    }
+    paper = {"nominal": FINAL_TEST["nominal"], "network": FINAL_TEST["network"]}
     runs = [
         FinalTestRun(
             seed,

@@ -1,7 +1,5 @@
 """The paper's experiment in small: its parts fit together, and it repeats."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The paper's procedure on readings of one's own, on tiny sets: choice, resuming, the 2-sigma sentence, refusals."""
 
-from __future__ import annotations
-
 import json
 import shutil
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.models import NetworkModel
 from truearm.models.arm_check import arm_of_readings
@@ -137,8 +136,7 @@ def test_the_model_file_has_the_arm_that_is_given(measured, tmp_path):
 
 
 def test_what_is_unknown_of_an_arm_needs_an_arm(planted, tmp_path):
-    with pytest.raises(InputError, match="no arm is given.*--arm"):
-        ta.reproduce(readings=planted[0], free=("tip",), folder=tmp_path, **TINY)
+    refuses("no arm is given.*--arm", ta.reproduce, readings=planted[0], free=("tip",), folder=tmp_path, **TINY)
     assert not list(tmp_path.iterdir())
 
 
@@ -157,8 +155,7 @@ def test_a_damaged_file_is_named(found, planted, tmp_path):
     file, other = sorted((tmp_path / "runs").glob("own-1-*"))
     for content in (b"{}", other.read_bytes()):
         file.write_bytes(content)
-        with pytest.raises(InputError, match=f"{file.name}.*delete it"):
-            ta.reproduce(readings=train, test=test, folder=tmp_path, **TINY)
+        refuses(f"{file.name}.*delete it", ta.reproduce, readings=train, test=test, folder=tmp_path, **TINY)
 
 
 def test_beside_the_network_stand_the_models_of_the_arm(measured, tmp_path):
@@ -237,8 +234,7 @@ def test_the_grid_is_every_combination_and_networks_with_more_weights_than_coord
     ],
 )
 def test_what_no_network_can_learn_is_refused_before_the_search(measured, tmp_path, change, message):
-    with pytest.raises(InputError, match=message):
-        ta.reproduce(readings=change(measured[0]), arm="gao2017", folder=tmp_path, **TINY)
+    refuses(message, ta.reproduce, readings=change(measured[0]), arm="gao2017", folder=tmp_path, **TINY)
     assert not list(tmp_path.rglob("own-*"))
 
 
@@ -250,20 +246,16 @@ def test_a_test_with_training_readings_is_refused(measured, tmp_path):
 
 
 def test_options_of_the_other_use_are_refused(measured, tmp_path):
-    with pytest.raises(InputError, match="need readings"):
-        ta.reproduce(folder=tmp_path, hidden=((2,),), figure=3)
-    with pytest.raises(InputError, match="paper's own arm"):
-        ta.reproduce(readings=measured[0], folder=tmp_path, table=4)
+    refuses("need readings", ta.reproduce, folder=tmp_path, hidden=((2,),), figure=3)
+    refuses("paper's own arm", ta.reproduce, readings=measured[0], folder=tmp_path, table=4)
     for impossible in ({"goal": (0.0, -1.0)}, {"trainer": ("varpro", "adam")}, {"hidden": ((2,), (0,))}, {"folds": 1}):
         with pytest.raises(InputError, match=r"goal|trainer|hidden layers|2 folds"):
             ta.reproduce(readings=measured[0], folder=tmp_path, **(TINY | impossible))
     assert not list(tmp_path.rglob("own-*"))
-    with pytest.raises(InputError, match=r"unknown options \['units'\].*hidden"):
-        ta.reproduce(readings=measured[0], folder=tmp_path, units=3)
+    refuses(r"unknown options \['units'\].*hidden", ta.reproduce, readings=measured[0], folder=tmp_path, units=3)
 
 
 def test_learning_rates_are_tried_with_gradient_descent_alone():
     grid = SearchGrid(hidden=((3,),), trainer=("traingdx",), learning_rate=(0.01, 0.1))
     assert [one.training for one in grid.settings(100, 6)] == ["traingdx 0.01", "traingdx 0.1"]
-    with pytest.raises(InputError, match="belongs to gradient descent"):
-        SearchGrid(learning_rate=(0.1,))
+    refuses("belongs to gradient descent", SearchGrid, learning_rate=(0.1,))

@@ -1,7 +1,5 @@
 """A small reproduction: which trainings run, which rows share one, resuming, and the rule of the verdicts."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
@@ -10,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.models import NominalModel
@@ -482,16 +481,13 @@ def test_half_a_file_and_one_that_is_too_large_are_refused(tmp_path, monkeypatch
     text = file.read_text()
     for damaged in (text[: len(text) // 2], "[" * 100_000, "[" * 100_000 + "]" * 100_000):
         file.write_text(damaged)
-        with pytest.raises(InputError, match="delete it"):
-            run_training(training, tmp_path, lambda share, note: None)
+        refuses("delete it", run_training, training, tmp_path, lambda share, note: None)
     file.write_text(text)
     monkeypatch.setattr("truearm.wings.gao2017.training.LARGEST_FILE", 100)
-    with pytest.raises(InputError, match="larger than 0.0001 MB"):
-        run_training(training, tmp_path, lambda share, note: None)
+    refuses("larger than 0.0001 MB", run_training, training, tmp_path, lambda share, note: None)
     file.unlink()
     file.mkdir()
-    with pytest.raises(InputError, match="expected a file, got a folder"):
-        run_training(training, tmp_path, lambda share, note: None)
+    refuses("expected a file, got a folder", run_training, training, tmp_path, lambda share, note: None)
 
 
 def test_a_training_of_another_recipe_is_another_training(monkeypatch):

@@ -1,7 +1,5 @@
 """The paper's numbers as data: sums over its columns, taken by hand from the printed tables."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.importing.foreign import JointScale, TableColumns, import_table
 
 # As a tracker's software writes it where commas are decimal signs.
@@ -31,9 +31,7 @@ def read(folder, text, columns=COLUMNS, scale=None, **options):
 
 
 def refusal(folder, text, *rest, **options):
-    with pytest.raises(InputError) as caught:
-        read(folder, text, *rest, **options)
-    return caught.value
+    return refuses(None, read, folder, text, *rest, **options)
 
 
 def test_a_table_with_decimal_commas_is_read_to_the_last_digit(tmp_path):
@@ -221,10 +219,8 @@ def test_options_that_contradict_each_other_are_refused(tmp_path):
 
 
 def test_columns_that_cannot_be_meant_are_refused():
-    with pytest.raises(InputError, match=r"three columns \(x, y, z\) for points, got 2"):
-        TableColumns(["a"], ["x", "y"])
-    with pytest.raises(InputError, match="point_std needs points"):
-        TableColumns(["a"], point_std=["x", "y", "z"])
+    refuses(r"three columns \(x, y, z\) for points, got 2", TableColumns, ["a"], ["x", "y"])
+    refuses("point_std needs points", TableColumns, ["a"], point_std=["x", "y", "z"])
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Options of ``truearm import`` that join tables, name columns and show what was understood."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -94,7 +92,7 @@ def test_a_part_of_an_archive_is_named(imported, tmp_path):
     assert len(imported(tmp_path / "both.npz", "--part", "second", *options)) == 2
 
 
-def test_each_of_two_tables_has_a_part_of_its_own(truearm, imported, tmp_path):
+def test_each_of_two_tables_has_a_part_of_its_own(refused, imported, tmp_path):
     robot, tracker = tmp_path / "robot.npz", tmp_path / "tracker.npz"
     np.savez(robot, q=ANGLES, z=np.zeros((2, 2)), t=np.zeros((2, 3)))
     np.savez(tracker, q=POINTS, p=-POINTS)
@@ -103,9 +101,10 @@ def test_each_of_two_tables_has_a_part_of_its_own(truearm, imported, tmp_path):
     np.testing.assert_allclose(one.points, POINTS)
     other = (*options[:-1], "p[0],p[1],p[2]")
     np.testing.assert_allclose(imported(robot, "--part", "q", "--with", tracker, "--part", "p", *other).points, -POINTS)
-    refused = truearm("import", robot, "--part", "q", "--part", "p", "--preview")
-    assert refused.code == 2
-    assert "2 parts are stated, expected one for each of 1 tables" in refused.err
+    refused(
+        ["import", robot, "--part", "q", "--part", "p", "--preview"],
+        "2 parts are stated, expected one for each of 1 tables",
+    )
 
 
 def test_a_preview_writes_nothing(truearm, written, tmp_path):

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.importing.foreign import JointScale, TableColumns
 from truearm.wings.importing.foreign.no_readings import far_turned, lost_targets, not_seen, statistics_at_ends
@@ -39,9 +40,7 @@ def read(values, columns=COLUMNS, scale=None, **options):
 
 
 def refusal(*arguments, **options):
-    with pytest.raises(InputError) as caught:
-        read(*arguments, **options)
-    return caught.value
+    return refuses(None, read, *arguments, **options)
 
 
 # Units --------------------------------------------------------------------------------------------------------------
@@ -130,8 +129,7 @@ def test_a_unit_that_option_and_table_contradict_is_asked():
     error = refusal(of_inches, point_unit="mm")
     assert (error.problem, error.column) == ("the table states in, --point-unit states mm", "X")
     assert "--point-unit in if" in error.hint
-    with pytest.raises(InputError, match="the table states in, --point-unit states mm"):
-        import_points(of_inches, NAMES[2:], point_unit="mm")
+    refuses("the table states in, --point-unit states mm", import_points, of_inches, NAMES[2:], point_unit="mm")
     in_mm = session_like()[:, 2:]
     np.testing.assert_allclose(read(of_inches, point_unit="in").session.points, in_mm, rtol=1e-12)
     of_metres = table(session_like() / [1, 1, 1000, 1000, 1000], units=("deg", "deg", "mm", "mm", "mm"))
@@ -304,13 +302,7 @@ def test_tips_serial_numbers_payload_loads_and_directions_have_their_columns():
     columns = TableColumns(
         NAMES[:2],
         NAMES[2:],
-        others={
-            "tip": "ball",
-            "payload_kg": "mass",
-            "load_1_Nm": "torque",
-            "direction_1": "d1",
-            "direction_2": "d2",
-        },
+        others={"tip": "ball", "payload_kg": "mass", "load_1_Nm": "torque", "direction_1": "d1", "direction_2": "d2"},
     )
     given_table = table(values, names, words={"ball": ["long"] * 8})
     session = read(given_table, columns, serial_number="A-17").session
@@ -322,8 +314,7 @@ def test_tips_serial_numbers_payload_loads_and_directions_have_their_columns():
 
 
 def test_a_column_that_no_session_file_has_is_refused():
-    with pytest.raises(InputError, match="no column 'colour'"):
-        TableColumns(("J1",), others={"colour": "c"})
+    refuses("no column 'colour'", TableColumns, ("J1",), others={"colour": "c"})
     columns = TableColumns(NAMES[:2], NAMES[2:], others={"direction_1": "D"})
     with_direction = table(np.hstack([session_like(), np.ones((8, 1))]), (*NAMES, "D"))
     assert "direction of each of 2 joints" in refusal(with_direction, columns).problem
@@ -378,19 +369,16 @@ def test_all_that_is_missing_is_said_at_once(tmp_path):
     rows = np.random.default_rng(1).uniform(-1, 1, (12, len(names)))
     table = tmp_path / "log.csv"
     table.write_text("\n".join([",".join(names), *(",".join(f"{v:.4f}" for v in row) for row in rows)]), "utf-8")
-    with pytest.raises(InputError) as caught:
-        ta.import_table(table)
-    said = str(caught.value)
+    caught = refuses(None, ta.import_table, table)
+    said = str(caught)
     assert "2 faults" in said
     assert "may be the joint angles" in said
     assert "may be the points" in said
-    with pytest.raises(InputError) as caught:
-        ta.import_table(table, TableColumns(angles=names[:2], points=names[-3:]))
-    said = str(caught.value)
+    caught = refuses(None, ta.import_table, table, TableColumns(angles=names[:2], points=names[-3:]))
+    said = str(caught)
     assert "the unit of the joint angles is not stated" in said
     assert "the unit of the points is not stated" in said
     with pytest.raises(InputError, match="there are no columns 'J1', 'J2'; the columns are left_j1"):
         ta.import_table(table, TableColumns(angles=["J1", "J2"], points=names[-3:]))
-    with pytest.raises(InputError) as caught:
-        ta.import_table(table, TableColumns(points=names[-3:]), JointScale("counts"))
-    assert "may be the joint angles" in str(caught.value)
+    caught = refuses(None, ta.import_table, table, TableColumns(points=names[-3:]), JointScale("counts"))
+    assert "may be the joint angles" in str(caught)

@@ -1,11 +1,10 @@
 """Two logs of one run joined by time: offset and drift from motion, readings from standstills."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.importing.foreign.clock_offset import _line, _offset_of_move, clock_offset
 from truearm.wings.importing.foreign.joined_logs import join_tables
@@ -250,9 +249,8 @@ def test_angles_that_are_written_within_a_turn():
 def test_a_program_that_repeats_is_asked_and_settled_by_the_option():
     motion = Motion(4, rounds=3)
     joints, points = motion.logs()
-    with pytest.raises(InputError, match=r"the motion repeats: 73\.\d s or .* Try: --time-offset 73\.") as caught:
-        join_tables(joints, points, "time")
-    assert caught.value.hint.count("--time-offset") == 2
+    caught = refuses(r"the motion repeats: 73\.\d s or .* Try: --time-offset 73\.", join_tables, joints, points, "time")
+    assert caught.hint.count("--time-offset") == 2
     joined = join_tables(joints, points, "time", time_offset_s=73.0)
     assert abs(joined.clock.offset_s - OFFSET) < 0.01
     assert_readings(joined, motion, readings=12)
@@ -261,11 +259,9 @@ def test_a_program_that_repeats_is_asked_and_settled_by_the_option():
 def test_logs_of_two_runs_are_refused():
     joints, _ = Motion(9, 1).logs()
     _, points = Motion(9, 2).logs()
-    with pytest.raises(InputError, match=r"motion of the points does not match .*--time-offset"):
-        join_tables(joints, points, "time")
+    refuses(r"motion of the points does not match .*--time-offset", join_tables, joints, points, "time")
     _, later = Motion(9, 3).logs(span=(20.0, 24.0))
-    with pytest.raises(InputError, match=r"has 1 whole moves of 8: too few .*--time-offset"):
-        join_tables(joints, later, "time")
+    refuses(r"has 1 whole moves of 8: too few .*--time-offset", join_tables, joints, later, "time")
 
 
 def test_a_robot_that_never_rests_is_refused_with_its_longest_rest():
@@ -282,8 +278,7 @@ def test_short_rests_are_used_if_the_option_says_so():
 def test_a_table_without_times_is_refused_with_the_other_ways():
     joints, points = Motion(3).logs()
     bare = Table(("x", "y", "z"), ("",) * 3, points.columns[1:], points.lines)
-    with pytest.raises(InputError, match=r"no column holds times; the columns are x, y, z. Try: --by row"):
-        join_tables(joints, bare, "time")
+    refuses(r"no column holds times; the columns are x, y, z. Try: --by row", join_tables, joints, bare, "time")
 
 
 # Single points -------------------------------------------------------------------------------------------------------
@@ -309,8 +304,7 @@ def test_single_points_at_equal_steps_are_asked():
     t = np.arange(0.0, 62.0, 0.01)
     q = np.interp(t, np.sort(np.r_[rests, rests + 3.0]), np.repeat(np.arange(12.0), 2))
     points = table(["time", "x", "y", "z"], rests[2:9] + 1.0, *np.random.default_rng(1).normal(size=(3, 7)))
-    with pytest.raises(InputError, match=r"at several offsets: 7 of 7 at .* --time-offset"):
-        join_tables(table(["time", "q1"], t, q), points, "time")
+    refuses(r"at several offsets: 7 of 7 at .* --time-offset", join_tables, table(["time", "q1"], t, q), points, "time")
     joined = join_tables(table(["time", "q1"], t, q), points, "time", time_offset_s=0.0)
     np.testing.assert_allclose(joined.numbers(1), np.arange(2.0, 9.0), atol=1e-6)
 
@@ -325,8 +319,7 @@ def test_poses_that_the_program_wrote_down_lie_in_standstills_of_the_tip():
     assert abs(joined.clock.offset_s - OFFSET) < 3 * joined.clock.u_offset_s
     assert_readings(joined, motion, readings=14)
     assert any("14 rows in standstills of the other file" in said for said in joined.assumed)
-    with pytest.raises(InputError, match=r"both tables have single rows, .* Try: --by row"):
-        join_tables(joints, single_points(motion), "time")
+    refuses(r"both tables have single rows, .* Try: --by row", join_tables, joints, single_points(motion), "time")
 
 
 def test_time_stamps_of_whole_seconds():
@@ -347,8 +340,7 @@ def test_an_offset_that_is_stated_wrong_is_refused():
 def test_joints_that_never_move_are_named():
     joints, points = Motion(3).logs()
     still = table(joints.names, joints.columns[0], *np.ones((6, len(joints))))
-    with pytest.raises(InputError, match="the joints never move"):
-        join_tables(still, points, "time")
+    refuses("the joints never move", join_tables, still, points, "time")
 
 
 # Standstills ---------------------------------------------------------------------------------------------------------

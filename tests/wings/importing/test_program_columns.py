@@ -1,7 +1,5 @@
 """Columns of known programs: recognised by name in any order, a controller's own pose never taken as a reference."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,12 +1,11 @@
 """Units of what is recognised beside angles and points, what is not read, and columns of a second table."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.importing.foreign import JointScale, TableColumns
 from truearm.wings.importing.foreign.tables import as_table, read_foreign_tables
@@ -110,8 +109,7 @@ def test_a_stated_name_wins_over_a_recognised_column():
 def test_two_sets_of_points_are_settled_by_the_option_that_is_named():
     both = POINTS | {f"P{axis}": values for axis, values in zip("xyz", POINTS.values(), strict=True)}
     for tables in ((JOINTS | both,), (JOINTS, both), (JOINTS | both, both)):
-        with pytest.raises(InputError, match=r"--point 'X \[mm\],Y \[mm\],Z \[mm\]'"):
-            read(*tables)
+        refuses(r"--point 'X \[mm\],Y \[mm\],Z \[mm\]'", read, *tables)
         found = read(*tables, columns=TableColumns(points=("Px", "Py", "Pz")))
         np.testing.assert_array_equal(found.session.points, np.stack([*POINTS.values()], axis=1))
 
@@ -119,8 +117,7 @@ def test_two_sets_of_points_are_settled_by_the_option_that_is_named():
 def test_two_runs_of_angles_are_settled_by_the_option_that_is_named():
     both = JOINTS | {f"A{i + 1} [deg]": values for i, values in enumerate(JOINTS.values())}
     for tables in ((both | POINTS,), (both, POINTS)):
-        with pytest.raises(InputError, match=r"--angles '"):
-            read(*tables)
+        refuses(r"--angles '", read, *tables)
         stated = TableColumns(angles=("J1", "J2"), points=("X", "Y", "Z"))
         assert read(*tables, columns=stated).session.n_joints == 2
 
@@ -157,5 +154,4 @@ def test_an_orientation_of_the_first_table_is_read():
 def test_data_frames_are_joined():
     columns = {"points_from": pd.DataFrame(POINTS), "by": "row"}
     assert len(ta.import_table(pd.DataFrame(JOINTS), **columns)) == N
-    with pytest.raises(InputError, match="got dict"):
-        ta.import_table(JOINTS)
+    refuses("got dict", ta.import_table, JOINTS)

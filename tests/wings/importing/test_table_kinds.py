@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.importing.foreign.no_readings import lost_targets
 from truearm.wings.importing.tables.reading import read_table
 from truearm.wings.importing.tables.table import TableForm
@@ -30,8 +30,7 @@ def test_a_table_is_read_right_or_asks_what_makes_it_right(tmp_path, name):
     path = tmp_path / f"table{kind.suffix}"
     path.write_bytes(kind.write())
     if kind.remedy:
-        with pytest.raises(InputError) as caught:
-            readings(kind, path, kind.options)
-        assert caught.value.line is not None
-        assert all(f"--{option}" in caught.value.hint for option in kind.remedy)
+        caught = refuses(None, readings, kind, path, kind.options)
+        assert caught.line is not None
+        assert all(f"--{option}" in caught.hint for option in kind.remedy)
     assert kind.is_right(readings(kind, path, kind.options | kind.remedy))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.readings import read_session, write_session
 from truearm.wings.importing.foreign import JointScale, TableColumns, import_table
 
@@ -24,19 +24,12 @@ def read(folder, values, *, unit=None, point_unit="mm", points=None):
     (folder / "table.txt").write_text("\n".join(lines) + "\n")
     columns = TableColumns(["J1", "J2"], points=points or [], orientation=names)
     return import_table(
-        folder / "table.txt",
-        columns,
-        JointScale("rad"),
-        separator=";",
-        point_unit=point_unit,
-        orientation_unit=unit,
+        folder / "table.txt", columns, JointScale("rad"), separator=";", point_unit=point_unit, orientation_unit=unit
     )
 
 
 def refusal(folder, values, **options):
-    with pytest.raises(InputError) as caught:
-        read(folder, values, **options)
-    return caught.value
+    return refuses(None, read, folder, values, **options)
 
 
 def pose(R, t) -> list[float]:

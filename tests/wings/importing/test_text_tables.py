@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.importing.tables.reading import read_table
 from truearm.wings.importing.tables.table import TableForm
 
@@ -26,9 +26,7 @@ def refusal(folder, content, *columns, **form):
         for column in columns:
             table.numbers(table.index(column))
 
-    with pytest.raises(InputError) as caught:
-        use()
-    return caught.value
+    return refuses(None, use)
 
 
 def written(value, decimals, decimal, thousands):
@@ -292,11 +290,10 @@ def test_a_file_that_was_appended_to_itself(tmp_path, again):
 
 def test_another_table_below_an_empty_line_is_asked(tmp_path):
     text = "a,b,c\n1.5,2,3\n2.5,3,4\n\nc,d,e\n10,20,30\n11,21,31\n"
-    with pytest.raises(InputError, match="another table begins here") as caught:
-        read(tmp_path, text)
-    assert caught.value.line == 5
-    assert "--part 1" in caught.value.hint
-    assert "--skip-lines 4" in caught.value.hint
+    caught = refuses("another table begins here", read, tmp_path, text)
+    assert caught.line == 5
+    assert "--part 1" in caught.hint
+    assert "--skip-lines 4" in caught.hint
     first = read(tmp_path, text, part="1")
     assert first.lines.tolist() == [2, 3]
     assert "from line 5 on ignored" in first.assumed

@@ -1,7 +1,5 @@
 """A made-up arm that is checked again and again: its model, its bar, and sessions of five minutes each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A made-up verification: an arm with known errors, and the files a technician would have of it."""
 
-from __future__ import annotations
-
 import csv
 import io
 

@@ -1,7 +1,5 @@
 """``truearm check``: five minutes a day on a made-up arm whose elbow begins to creep."""
 
-from __future__ import annotations
-
 import datetime
 import hashlib
 import json
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 from made_up_check import ARM, LENGTHS, session, virtual, write_days, write_model
 
+from page_transcripts import block, blocks
 from truearm.models import KinematicModel
 from truearm.models.model_file import load_model
 from truearm.models.training_conditions import fingerprint
@@ -26,7 +25,6 @@ from truearm.wings.laboratory.tasks.model_check import readings_to_compare
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-PAGE = Path(__file__).parents[3] / "docs" / "interim-check.md"
 TYPED = (1, 10, 11, 18, 26)
 STEADY = 14  # days before it creeps by half a second of arc a day
 CREEP = [0.0] * STEADY + [0.5 * day for day in range(1, 13)]
@@ -186,7 +184,7 @@ def test_a_new_model_starts_a_new_baseline_and_names_the_checks_that_are_not_com
     assert "new.truearm" not in truearm(*arguments(28)).out
 
 
-def test_artefacts_retired_before_a_new_model_stay_retired(truearm, folder):
+def test_artefacts_retired_before_a_new_model_stay_retired(truearm, refused, folder):
     """Cone, bar and sphere were put away, two of them after a change; no check of the new model has them."""
     poses = virtual().measure(session(1).angles, seed=3).readings
     KinematicModel(virtual().nominal, free=()).fit_readings(poses).save("new.truearm")
@@ -196,25 +194,22 @@ def test_artefacts_retired_before_a_new_model_stay_retired(truearm, folder):
         ran = truearm(*asked)
     assert '2026-01-27: "Recalibrate: a value has changed since check' in ran.out
     gone = ("--retired", "cone", "--retired", "bar A", "--retired", "ball", "--mpe", "mpe.toml")
-    ran = truearm(*asked, *gone, "--page", "page.html")
-    assert '2026-01-27: "No need to recalibrate' in ran.out
+    assert '2026-01-27: "No need to recalibrate' in truearm(*asked, *gone, "--page", "page.html").out
     assert re.search("2026-01-27: .{1,6}No need to recalibrate", Path("page.html").read_text())
     assert json.loads(truearm(*asked, *gone, "--json").out)["other_models"][0]["recalibrate"] == "no"
     Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 1"))
     assert '2026-01-27: "Recalibrate: a value exceeds' in truearm(*asked, *gone).out
-    ran = truearm(*asked, "--retired", "nowhere")
-    assert (ran.code, "no check contains the retired artefact 'nowhere'" in ran.err) == (2, True)
+    refused([*asked, "--retired", "nowhere"], "no check contains the retired artefact 'nowhere'")
 
 
-def test_a_history_refuses_a_model_of_another_arm(truearm, folder, snapshot):
+def test_a_history_refuses_a_model_of_another_arm(refused, folder):
     arm = replace(virtual().nominal, name="another")
     poses = virtual().measure(session(1).angles, seed=3).readings
     KinematicModel(arm, free=()).fit_readings(poses).save("other.truearm")
-    before = snapshot(folder)
-    ran = truearm("check", "other.truearm", *arguments(26)[2:])
-    assert (ran.code, ran.out) == (2, "")
-    assert f"arm.sqlite: the checks in this history are of arm '{ARM}', the model is of arm 'another'" in ran.err
-    assert snapshot(folder) == before
+    refused(
+        ["check", "other.truearm", *arguments(26)[2:]],
+        f"arm.sqlite: the checks in this history are of arm '{ARM}', the model is of arm 'another'",
+    )
 
 
 def test_one_check_beyond_the_limits_is_undecided(truearm, folder):
@@ -307,14 +302,10 @@ def test_a_change_of_a_missing_artefact_remains_until_it_is_retired(truearm, fol
     assert truearm(*asked, "--retired", "bar A").code == 2
 
 
-def test_a_refused_check_is_not_added_and_a_forgotten_file_completes_it(truearm, folder, snapshot):
+def test_a_refused_check_is_not_added_and_a_forgotten_file_completes_it(truearm, refused, folder):
     Path("wrong.toml").write_text(MPE.replace("{ B_um = 80 }", "{ A_um = 10, K_mm_per_um = 80 }"))
     Path("arm.sqlite").unlink()
-    before = snapshot(folder)
-    ran = truearm(*arguments(1, "--mpe", "wrong.toml"))
-    assert ran.code == 2
-    assert "limits.SPAT.2s" in ran.err
-    assert snapshot(folder) == before
+    refused(arguments(1, "--mpe", "wrong.toml"), "limits.SPAT.2s")
     without = [*arguments(1)[:3], *arguments(1)[5:], "--json"]
     assert json.loads(truearm(*without).out)["added"] is True
     found = json.loads(truearm(*arguments(1, "--json")).out)
@@ -380,8 +371,7 @@ def test_an_interrupted_check_is_not_added(truearm, folder, snapshot, monkeypatc
 def test_a_wrong_check_is_withdrawn_and_stays_on_the_page(truearm, folder):
     """Check 26 called for recalibration; without it check 25 is the last, and check 27 has the number 27."""
     asked = ("check", "arm.truearm", "--history", "arm.sqlite", "--withdraw")
-    ran = truearm(*asked, "26", "--reason", "the bar was <loose>", "--page", "withdrawn.html")
-    assert (ran.code, ran.err) == (0, "")
+    ran = truearm(*asked, "26", "--reason", "the bar was <loose>", "--page", "withdrawn.html").done()
     assert ran.out.splitlines()[0] == "Check 26 of 2026-01-26 is withdrawn: the bar was <loose>"
     assert "\nWithout it: " in ran.out
     assert Path("withdrawn.html").read_text().count('<tr class="withdrawn">') == 1
@@ -413,9 +403,7 @@ def test_a_wrong_check_is_withdrawn_and_stays_on_the_page(truearm, folder):
 )
 def test_what_cannot_be_withdrawn_is_refused(truearm, folder, snapshot, options, phrase):
     before = snapshot(folder)
-    ran = truearm("check", "arm.truearm", "--history", "arm.sqlite", *options)
-    assert (ran.code, ran.out) == (2, "")
-    assert phrase in ran.err
+    assert phrase in truearm("check", "arm.truearm", "--history", "arm.sqlite", *options).refused().err
     assert snapshot(folder) == before
 
 
@@ -457,13 +445,11 @@ def test_wrong_files_are_refused_and_the_history_stays(truearm, folder, case, sn
     assert snapshot(folder) == before
 
 
-def test_training_readings_are_no_check(truearm, folder):
+def test_training_readings_are_no_check(refused, folder):
     write_session(virtual().measure(session(1).angles, seed=3, seat=session(1).seat).readings, "learned.csv")
     learned = read_session("learned.csv")
     KinematicModel(virtual().nominal, free=()).fit_readings(learned).save("own.truearm")
-    ran = truearm("check", "own.truearm", "learned.csv", "--history", "own.sqlite")
-    assert ran.code == 2
-    assert "the training readings of the model" in ran.err
+    refused(["check", "own.truearm", "learned.csv", "--history", "own.sqlite"], "the training readings of the model")
     assert not Path("own.sqlite").exists()
 
 
@@ -472,8 +458,7 @@ def test_training_readings_are_no_check(truearm, folder):
 
 def test_the_documentation_shows_what_is_printed(course):
     """Line for line but for numbers and what follows from them, which are of the day when the page was written."""
-    blocks = re.findall(r"```console\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    shown = [block.partition("\n") for block in blocks]
+    shown = [text.partition("\n") for text in blocks("interim-check.md", "console")]
     assert len(shown) == 3
 
     def without_numbers(text):
@@ -491,4 +476,4 @@ def test_the_documentation_shows_what_is_printed(course):
 
 
 def test_the_documentation_shows_the_file_of_lengths():
-    assert f"```csv lengths\n{LENGTHS}```" in PAGE.read_text(encoding="utf-8")
+    assert block("interim-check.md", "csv lengths") == LENGTHS

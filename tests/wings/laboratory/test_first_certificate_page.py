@@ -1,7 +1,5 @@
 """The page "From an empty folder to the first certificate" works word for word, in an empty folder."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import shlex
@@ -108,12 +106,7 @@ def test_the_virtual_laboratory_has_the_files_of_every_command(truearm, laborato
 
 @pytest.mark.parametrize(
     ("shown", "printed"),
-    [
-        (["a 1"], ["a 1", "b"]),
-        (["b"], ["a", "b"]),
-        (["a 1", "..."], ["a 2"]),
-        (["a", "...", "c"], ["a", "c", "b"]),
-    ],
+    [(["a 1"], ["a 1", "b"]), (["b"], ["a", "b"]), (["a 1", "..."], ["a 2"]), (["a", "...", "c"], ["a", "c", "b"])],
 )
 def test_a_page_that_says_something_else_is_found_out(shown, printed):
     with pytest.raises(AssertionError):

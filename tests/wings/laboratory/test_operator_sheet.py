@@ -1,7 +1,5 @@
 """The operator's sheet: every point of the plan is in its steps, every place in its pictures, every word escaped."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

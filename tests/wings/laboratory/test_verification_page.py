@@ -1,7 +1,5 @@
 """The page of a verification: every value with its uncertainty, limit and budget, and the decision in words."""
 
-from __future__ import annotations
-
 import datetime
 from dataclasses import replace
 from math import inf
@@ -13,7 +11,7 @@ from matplotlib.text import Text
 
 from confirmed_plan import confirmed
 from html_outline import Outline
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.number_format import RoundedNumber
 from truearm.pages.html import render
 from truearm.pages.page import Column, Table, format_cell
@@ -97,8 +95,7 @@ def test_a_value_is_printed_to_the_last_digit_of_its_uncertainty():
 
 def test_a_rounded_cell_must_be_finite():
     for cell in (RoundedNumber(float("nan"), 1.0), RoundedNumber(1.0, inf)):
-        with pytest.raises(InputError, match="finite"):
-            Table((Column("a"),), ((cell,),), "caption")
+        refuses("finite", Table, (Column("a"),), ((cell,),), "caption")
 
 
 def test_every_row_has_value_uncertainty_limit_and_verdict():

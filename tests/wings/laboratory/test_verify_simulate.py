@@ -1,25 +1,20 @@
 """``truearm verify`` before anything is measured: what virtual arms would pass, and the plan to edit."""
 
-from __future__ import annotations
-
 import json
 import re
-from pathlib import Path
 
 import pytest
 from made_up_verification import ARTEFACTS, MPE
 
+from page_transcripts import block
 from truearm.wings.laboratory.standards.verification_plan import PLANS, plan_text
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
-
 
 @pytest.mark.parametrize("name", PLANS)
 def test_a_plan_is_printed_to_edit(truearm, tmp_path, name):
-    ran = truearm("verify", "plan", name)
-    assert (ran.code, ran.err) == (0, "")
+    ran = truearm("verify", "plan", name).done()
     assert ran.out == plan_text(name)
     mine = tmp_path / "mine.toml"
     mine.write_text(ran.out.replace("value = 3", "value = 1"))
@@ -55,14 +50,12 @@ def test_files_of_ones_own_are_used(truearm, tmp_path):
     assert "check against your copy of the standard" in told
 
 
-def test_a_model_takes_the_test_too(truearm, made):
+def test_a_model_takes_the_test_too(truearm, refused, made):
     """Far outside the box of its training a model errs as the nominal arm may, by millimetres, and by something."""
     found = json.loads(truearm("verify", "simulate", made / "kinematic.truearm", "--arms", 3, "--json").out)
     assert found["arm"] == "gao2017"
     assert all(0 < row["median"] < 3 for row in found["rows"])
-    ran = truearm("verify", "simulate", made / "network.truearm", "--arms", 3)
-    assert ran.code == 2
-    assert "a network has no terms" in ran.err
+    refused(["verify", "simulate", made / "network.truearm", "--arms", 3], "a network has no terms")
 
 
 @pytest.mark.parametrize(
@@ -89,29 +82,26 @@ def test_a_model_takes_the_test_too(truearm, made):
         (["plan", "iso"], "there is no plan 'iso'. Try: use iso10360-12 or asme-b89.4.22"),
     ],
 )
-def test_what_does_not_fit_is_refused(truearm, tmp_path, monkeypatch, arguments, phrase):
+def test_what_does_not_fit_is_refused(refused, tmp_path, monkeypatch, arguments, phrase):
     monkeypatch.chdir(tmp_path)
-    ran = truearm("verify", *arguments)
-    assert (ran.code, ran.out) == (2, ""), ran
-    assert phrase in ran.err
-    assert ran.err.count("\n") == 1
+    refused(["verify", *arguments], phrase)
 
 
-def test_an_arm_too_short_for_the_limits_is_refused_with_its_reach(truearm, tmp_path):
+def test_an_arm_too_short_for_the_limits_is_refused_with_its_reach(refused, tmp_path):
     mpe = tmp_path / "mpe.toml"
     mpe.write_text(MPE.replace("measuring_range_mm = 2500", "measuring_range_mm = 4000"))
-    ran = truearm("verify", "simulate", "shop", "--test-plan", "asme-b89.4.22", "--mpe", mpe)
-    assert ran.code == 2
-    assert "does not reach" in ran.err
-    assert "; volumetric, position 2 4 " in ran.err
-    assert "the reach of 1291 mm" in ran.err
-    assert "without a specification" in ran.err
+    refused(
+        ["verify", "simulate", "shop", "--test-plan", "asme-b89.4.22", "--mpe", mpe],
+        "does not reach",
+        "; volumetric, position 2 4 ",
+        "the reach of 1291 mm",
+        "without a specification",
+    )
 
 
 def shown_and_printed(truearm, *more):
     """What the page shows of a simulated test, and what the program prints: the words are the same to the letter."""
-    (shown,) = re.findall(r"```console simulated\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    command, _, printed = shown.partition("\n")
+    command, _, printed = block("verification.md", "console simulated").partition("\n")
     ran = truearm(*command.split()[2:], *more)
     beginning, end = (part.splitlines() for part in printed.split("...\n"))
     lines = ran.out.splitlines()
@@ -146,13 +136,10 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
     artefacts, mpe, out = (tmp_path / name for name in ("artefacts.toml", "mpe.toml", "sheet.html"))
     artefacts.write_text(ARTEFACTS)
     mpe.write_text(MPE)
-    ran = truearm("verify", "sheet", "iso10360-12", "--page", out, "--artefacts", artefacts, "--mpe", mpe)
-    assert (ran.code, ran.err) == (0, "")
+    ran = truearm("verify", "sheet", "iso10360-12", "--page", out, "--artefacts", artefacts, "--mpe", mpe).done()
     heading = "Articulated arm with tactile probe (plan not confirmed against ISO 10360-12:2016)"
     assert ran.out == f"{out}: operator's sheet, 310 points of {heading}\n"
-    command, _, printed = re.findall(r"```console sheet\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[
-        0
-    ].partition("\n")
+    command, _, printed = block("verification.md", "console sheet").partition("\n")
     assert command == "$ truearm verify sheet iso10360-12 --page sheet.html --artefacts artefacts.toml --mpe mpe.toml"
     assert ran.out.replace(str(out), out.name) == printed
     html = out.read_text()
@@ -175,7 +162,5 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
 )
 def test_a_sheet_that_cannot_be_written_is_refused(truearm, tmp_path, monkeypatch, arguments, phrase):
     monkeypatch.chdir(tmp_path)
-    ran = truearm("verify", *arguments)
-    assert (ran.code, ran.out) == (2, ""), ran
-    assert phrase in ran.err
+    assert phrase in truearm("verify", *arguments).refused().err
     assert list(tmp_path.iterdir()) == []

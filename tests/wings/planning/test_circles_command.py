@@ -1,20 +1,15 @@
 """``truearm arms --circles-plan`` and ``--from-circles``: the file to fill in, the arm that comes of it."""
 
-from __future__ import annotations
-
 import json
-import re
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from page_transcripts import block, walk
 from truearm.arm import load_arm
 
 circles = pytest.importorskip("benchmarks.circles", reason="benchmarks are not beside the tests")
-
-PAGE = Path(__file__).parents[3] / "docs" / "describe-your-arm.md"
 
 
 @pytest.fixture(scope="module")
@@ -76,18 +71,12 @@ def test_an_arm_of_which_a_joint_is_missing_is_written_with_exit_code_1(truearm,
         (["--from-circles", "missing.csv"], "missing.csv"),
     ],
 )
-def test_options_that_do_not_fit(truearm, arguments, phrase):
-    refused = truearm("arms", *arguments)
-    assert refused.code == 2
-    assert phrase in refused.err
+def test_options_that_do_not_fit(refused, arguments, phrase):
+    refused(["arms", *arguments], phrase)
 
 
 def test_the_transcript_of_the_page_is_true(truearm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     chain, stand = circles.planted("ur10", 1)
     circles.swept(chain, stand, 1, points=12, arc_deg=60).to_frame().to_csv("circles.csv", index=False)
-    (shown,) = re.findall(
-        r"```console circles\n\$ truearm (.*?)\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
-    )
-    printed = re.escape(shown[1]).replace(re.escape("...\n"), "(?s:.*)")
-    assert re.fullmatch(printed, truearm(*shown[0].split()).out)
+    walk(truearm, block("describe-your-arm.md", "console circles"))

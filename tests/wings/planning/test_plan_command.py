@@ -1,7 +1,5 @@
 """`truearm plan`: from an arm or a model to a session to fill in, its page, and what it says."""
 
-from __future__ import annotations
-
 import csv
 import json
 
@@ -30,8 +28,7 @@ def aims(path):
 
 def test_the_first_line_of_a_plan_is_its_uncertainty(truearm, tmp_path):
     out = tmp_path / "plan.csv"
-    ran = truearm("plan", "gao2017", "--artefact", "tracker", "--poses", 12, *QUICK, "--out", out)
-    assert (ran.code, ran.err) == (0, "")
+    ran = truearm("plan", "gao2017", "--artefact", "tracker", "--poses", 12, *QUICK, "--out", out).done()
     lines = ran.out.splitlines()
     assert lines[0].startswith("Uncertainty of a point in the volume after 12 poses with a tracker: ")
     assert lines[0].endswith("mm (root mean square; noise of a coordinate 0.02 mm)")
@@ -50,8 +47,7 @@ def test_the_first_line_of_a_plan_is_its_uncertainty(truearm, tmp_path):
 def test_json_has_the_files_and_all_strategies(truearm, tmp_path):
     out = tmp_path / "plan.csv"
     arguments = ["plan", "gao2017", "--artefact", "bar", "--bar", 250, "--poses", 9, "--seats", 2, *QUICK]
-    ran = truearm(*arguments, "--strategy", "random", "--page", tmp_path / "plan.html", "--out", out, "--json")
-    assert (ran.code, ran.err) == (0, "")
+    ran = truearm(*arguments, "--strategy", "random", "--page", tmp_path / "plan.html", "--out", out, "--json").done()
     found = json.loads(ran.out)
     assert found["file"] == str(out)
     assert found["lengths_file"] == str(tmp_path / "plan-lengths.csv")
@@ -119,8 +115,7 @@ def test_a_filled_plan_improves_on_the_nominal_arm_without_a_reference_instrumen
 def test_the_next_poses_after_those_of_a_model(truearm, made, tmp_path):
     model = made / "kinematic.truearm"
     arguments = ["--artefact", "tracker", "--poses", 5, "--json"]
-    ran = truearm("plan", model, *arguments, "--out", tmp_path / "a.csv")
-    assert (ran.code, ran.err) == (0, "")
+    ran = truearm("plan", model, *arguments, "--out", tmp_path / "a.csv").done()
     after_model = json.loads(ran.out)
     drawn = json.loads(truearm("plan", "gao2017", *arguments, *QUICK, "--out", tmp_path / "b.csv").out)
     # 300 readings are behind it.
@@ -187,7 +182,7 @@ def test_an_impossible_plan_is_refused_in_one_line(truearm, snapshot, tmp_path, 
     assert snapshot(tmp_path) == {}
 
 
-def test_unsuitable_models_and_sessions_are_refused(truearm, made, snapshot, tmp_path):
+def test_unsuitable_models_and_sessions_are_refused(refused, made, snapshot, tmp_path):
     out = ["--artefact", "tracker", "--poses", 4, "--out", tmp_path / "plan.csv"]
     for arguments, said in (
         ([made / "network.truearm", *out], "a network has no terms"),
@@ -196,21 +191,17 @@ def test_unsuitable_models_and_sessions_are_refused(truearm, made, snapshot, tmp
         ([made / "kinematic.truearm", "--session", made / "angles.csv", *out], "points or seats"),
         ([made / "kinematic.truearm", "--session", made / "wam.csv", *out], "expected 6 joints"),
     ):
-        ran = truearm("plan", *arguments)
-        assert ran.code == 2
-        assert said in ran.err
+        refused(["plan", *arguments], said)
     assert snapshot(tmp_path) == {}
 
 
-def test_an_existing_file_is_not_overwritten(truearm, snapshot, tmp_path):
+def test_an_existing_file_is_not_overwritten(truearm, refused, snapshot, tmp_path):
     (tmp_path / "plan.csv").write_text("readings")
     (tmp_path / "other-lengths.csv").write_text("certificate")
     before = snapshot(tmp_path)
     bar = ["--artefact", "bar", "--bar", 250, "--poses", 8, *QUICK]
     for out in ("plan.csv", "other.csv"):
-        ran = truearm("plan", "gao2017", *bar, "--out", tmp_path / out)
-        assert ran.code == 2
-        assert "the file exists already" in ran.err
+        refused(["plan", "gao2017", *bar, "--out", tmp_path / out], "the file exists already")
     page = ["--artefact", "tracker", "--session", tmp_path / "t.html", "--page", tmp_path / "t.html"]
     (tmp_path / "t.html").write_text("readings")
     assert "would be overwritten" in truearm("plan", "gao2017", *page, "--out", tmp_path / "new.csv").err

@@ -1,7 +1,5 @@
 """The page of a plan: a picture of every kind, the poses one by one, and names of any make."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

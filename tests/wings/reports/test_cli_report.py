@@ -54,7 +54,7 @@ def test_figures_have_the_form_that_is_asked_for(truearm, made, tmp_path, form, 
     assert all(file.suffix == f".{form}" and file.read_bytes().startswith(start) for file in files)
 
 
-def test_what_cannot_be_a_folder_of_figures_is_refused_before_the_page_is_drawn(truearm, made, tmp_path):
+def test_what_cannot_be_a_folder_of_figures_is_refused_before_the_page_is_drawn(refused, made, tmp_path):
     page, file = tmp_path / "page.html", tmp_path / "file"
     file.write_text("a file")
     given = ("report", made / "kinematic.truearm", made / "test.csv", "--page", page)
@@ -62,9 +62,7 @@ def test_what_cannot_be_a_folder_of_figures_is_refused_before_the_page_is_drawn(
         (("--figures", file), "the folder cannot be made"),
         (("--figures-as", "pdf"), "--figures-as is for the files of --figures"),
     ):
-        ran = truearm(*given, *more)
-        assert ran.code == 2
-        assert said in ran.err
+        refused([*given, *more], said)
         assert not page.exists()
 
 
@@ -117,17 +115,19 @@ def test_a_seat_in_two_sessions_is_refused_by_every_verb(truearm, seated, tmp_pa
     assert not list(tmp_path.glob("*.html")) + list(tmp_path.glob("plan*")) + list(tmp_path.glob("m*"))
 
 
-def test_lengths_are_for_sessions_of_seats(truearm, made, seated, tmp_path):
-    ran = truearm(
-        *("report", made / "kinematic.truearm", made / "test.csv"),
-        *("--lengths", seated / "lengths.csv", "--page", tmp_path / "page.html"),
+def test_lengths_are_for_sessions_of_seats(refused, made, seated, tmp_path):
+    refused(
+        [
+            *("report", made / "kinematic.truearm", made / "test.csv"),
+            *("--lengths", seated / "lengths.csv", "--page", tmp_path / "page.html"),
+        ],
+        "lengths are for a session without reference points",
     )
-    assert ran.code == 2
-    assert "lengths are for a session without reference points" in ran.err
     assert not list(tmp_path.iterdir())
 
 
-def test_a_session_without_points_or_seats_is_refused(truearm, made, tmp_path):
-    ran = truearm("report", made / "kinematic.truearm", made / "angles.csv", "--page", tmp_path / "page.html")
-    assert ran.code == 2
-    assert "reference points, seats or 4 distances to an anchor to compare with" in ran.err
+def test_a_session_without_points_or_seats_is_refused(refused, made, tmp_path):
+    refused(
+        ["report", made / "kinematic.truearm", made / "angles.csv", "--page", tmp_path / "page.html"],
+        "reference points, seats or 4 distances to an anchor to compare with",
+    )

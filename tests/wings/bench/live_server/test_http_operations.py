@@ -1,7 +1,5 @@
 """The HTTP operations of the live page: corrected coordinates for other programs, and what they refuse."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket

@@ -1,7 +1,5 @@
 """The live page in a real browser: a virtual arm is steered to the next pose, learned from, fitted, and saved."""
 
-from __future__ import annotations
-
 import re
 import threading
 

@@ -1,7 +1,5 @@
 """The live page in a real browser: the arm moves, readings are taken and undone, what is lost is said."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.live_server import messages
 from truearm.wings.bench.live_server.http_operations import HttpOperations
 from truearm.wings.bench.live_server.live import FRAMES_HZ, LiveRecording
@@ -208,5 +206,4 @@ def test_names_are_text_and_never_markup(tmp_path):
 
 
 def test_without_an_arm_it_says_what_to_do():
-    with pytest.raises(InputError, match="--arm ARM, or --model-file MODEL"):
-        drawn_arm(None, None)
+    refuses("--arm ARM, or --model-file MODEL", drawn_arm, None, None)

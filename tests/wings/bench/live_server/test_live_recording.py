@@ -1,7 +1,5 @@
 """What the page is sent of a recording, without a page."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The server of the live page: who is let in, who may command, and what hostile clients get."""
 
-from __future__ import annotations
-
 import json
 import queue
 import socket
@@ -15,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truearm.errors import InputError, TruearmError
+from refusals import refuses
+from truearm.errors import TruearmError
 from truearm.wings.bench.live_server import server
 from truearm.wings.bench.live_server.messages import Command, Pose, Refused, Said, State
 from truearm.wings.bench.live_server.request_checks import RequestChecks
@@ -132,14 +131,11 @@ def test_without_the_token_there_is_neither_page_nor_socket(query):
 
 
 def test_another_address_needs_a_token_that_nobody_guesses():
-    with pytest.raises(InputError, match="give a --token, too"):
-        RequestChecks("0.0.0.0")
-    with pytest.raises(InputError, match="at least 16 characters, got 5"):
-        RequestChecks("0.0.0.0", "guess")
+    refuses("give a --token, too", RequestChecks, "0.0.0.0")
+    refuses("at least 16 characters, got 5", RequestChecks, "0.0.0.0", "guess")
     RequestChecks("0.0.0.0", TOKEN)
     RequestChecks("localhost")
-    with pytest.raises(InputError, match="printable"):
-        RequestChecks("0.0.0.0", "\udcff" * 16)
+    refuses("printable", RequestChecks, "0.0.0.0", "\udcff" * 16)
 
 
 def test_a_token_of_any_signs_opens_the_address_that_is_printed():

@@ -1,7 +1,5 @@
 """Learning while measuring: what is said after each reading, of one that does not fit, and of which pose comes next."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -22,11 +20,6 @@ def arm():
     return ta.load_arm("ur10")
 
 
-@pytest.fixture(scope="module")
-def model():
-    return ta.fit("ur10", ta.simulate("ur10", poses=60, seed=1).session, model="kinematic").model
-
-
 def texts(events, kind):
     return [event.text for event in events if event.kind == kind]
 
@@ -36,9 +29,9 @@ def stop(recording, pose, point=None, start_s=0.0):
     return [event for sample in samples for event in recording.on_sample(sample)]
 
 
-def test_each_reading_lowers_the_uncertainty_and_one_that_is_taken_back_raises_it(arm, model):
+def test_each_reading_lowers_the_uncertainty_and_one_that_is_taken_back_raises_it(arm, ur10_model):
     session = ta.simulate("ur10", poses=20, seed=2).session
-    learning = Learning(arm, model)
+    learning = Learning(arm, ur10_model)
     course = [learning.uncertainty_mm]
     for n in range(1, 21):
         assert not texts(learning.learn(session.rows(np.arange(n))), "notice")
@@ -49,13 +42,13 @@ def test_each_reading_lowers_the_uncertainty_and_one_that_is_taken_back_raises_i
     assert event.values["after_mm"] > event.values["before_mm"] == pytest.approx(course[-1])
 
 
-def test_a_reading_that_does_not_fit_is_said_and_not_learned_until_most_do_not(arm, model):
+def test_a_reading_that_does_not_fit_is_said_and_not_learned_until_most_do_not(arm, ur10_model):
     session = ta.simulate("ur10", poses=20, seed=2).session
     points = session.points.copy()
     points[12] += [0.0, 2.0, 0.0]
     points[16:] += [0.0, 0.0, 3.0]
     wrong = ta.Session(session.angles, points=points)
-    learning, said = Learning(arm, model), []
+    learning, said = Learning(arm, ur10_model), []
     for n in range(1, 21):
         events = [*learning.learn(wrong.rows(np.arange(n)))]
         said.append(texts(events, "notice"))
@@ -66,15 +59,13 @@ def test_a_reading_that_does_not_fit_is_said_and_not_learned_until_most_do_not(a
     assert said[18][0].endswith("3 of the last 5 do not, so that all are learned")
 
 
-def test_of_a_model_only_the_readings_that_it_does_not_know_are_learned(arm):
-    session = ta.simulate("ur10", poses=60, seed=1).session
-    known = ta.fit("ur10", session, model="kinematic").model
-    learning = Learning(arm, known, trained_on=60)
+def test_of_a_model_only_the_readings_that_it_does_not_know_are_learned(arm, ur10_model, ur10_session):
+    learning = Learning(arm, ur10_model, trained_on=60)
     before = learning.uncertainty_mm
-    assert [*learning.learn(session)] == []
+    assert [*learning.learn(ur10_session)] == []
     assert learning.uncertainty_mm == pytest.approx(before)
-    [*learning.learn(session.rows(np.arange(59)))]
-    [*learning.learn(session)]  # a reading in place of one that was undone
+    [*learning.learn(ur10_session.rows(np.arange(59)))]
+    [*learning.learn(ur10_session)]  # a reading in place of one that was undone
     assert learning.uncertainty_mm < 0.9999 * before
 
 
@@ -90,9 +81,9 @@ def test_a_physical_model_starts_with_the_angle_errors_that_it_knows(arm):
     assert learning.estimate.noise_mm < 1.5 * known.residual_std_
 
 
-def test_it_is_enough_once(arm, model):
+def test_it_is_enough_once(arm, ur10_model):
     session = ta.simulate("ur10", poses=60, seed=2).session
-    learning = Learning(arm, model)
+    learning = Learning(arm, ur10_model)
     [*learning.learn(session)]
     poses = session.angles[:20]
     assert [*learning.enough(poses[:11], None)] == []  # fewer gain little, however much is unknown

@@ -1,13 +1,12 @@
 """The model in force: a fit in a process of its own replaces it, a failed or worse one does not; `save` writes it."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.bench.recording import model_in_force
 from truearm.wings.bench.recording.live_demo import demo_recording
@@ -181,8 +180,7 @@ def test_a_fit_ends_with_the_recording(tmp_path, session):
 def test_what_cannot_be_fitted_or_saved_is_refused(tmp_path, session):
     file = tmp_path / "there.truearm"
     file.write_text("")
-    with pytest.raises(InputError, match="the file exists already, and is not one"):
-        ModelInForce(None, None, tmp_path / "session.csv", file)
+    refuses("the file exists already, and is not one", ModelInForce, None, None, tmp_path / "session.csv", file)
     ta.fit("ur5", ta.simulate("ur5", poses=20, seed=1).session, model="nominal").model.save(
         file := tmp_path / "ur5.truearm"
     )

@@ -1,7 +1,5 @@
 """`record`: a replayed session comes back; plans, seats, undo, typed points and a second instrument."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time
@@ -11,6 +9,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.bench.recording.record_readings import record
 from truearm.wings.bench.recording.recording import Recording
@@ -355,8 +354,7 @@ def test_a_number_that_a_person_broke_is_named(tmp_path, column, cell):
         *_, end = again
         assert end.values["readings"] == 2
     else:
-        with pytest.raises(InputError, match=rf"out\.csv, line 2, column '{column}': expected a number, got"):
-            next(again)
+        refuses(rf"out\.csv, line 2, column '{column}': expected a number, got", next, again)
 
 
 def test_sliding_joints_are_in_mm(tmp_path):
@@ -369,14 +367,11 @@ def test_sliding_joints_are_in_mm(tmp_path):
 def test_what_does_not_fit_is_refused(tmp_path, planned):
     with pytest.raises(InputError, match="gives 2 joints, arm 'ur10' has 6"):
         [*record(source(*stops([0, 0])), tmp_path / "a.csv", arm="ur10")]
-    with pytest.raises(InputError, match="a plan needs the arm"):
-        record(source(), tmp_path / "a.csv", plan=planned[0])
-    with pytest.raises(InputError, match="measures no points"):
-        record(source(), tmp_path / "a.csv", reference=source())
+    refuses("a plan needs the arm", record, source(), tmp_path / "a.csv", plan=planned[0])
+    refuses("measures no points", record, source(), tmp_path / "a.csv", reference=source())
     with pytest.raises(InputError, match="gives no joint angles"):
         [*record(source(Sample(0.0, np.empty(0))), tmp_path / "a.csv")]
-    with pytest.raises(InputError, match="expected a source"):
-        record("teapot:1", tmp_path / "a.csv")
+    refuses("expected a source", record, "teapot:1", tmp_path / "a.csv")
     assert list(tmp_path.iterdir()) == []
 
 

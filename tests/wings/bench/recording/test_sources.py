@@ -1,7 +1,5 @@
 """`list_sources`, `try_source`: what looks wrong with a source, and what does not."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from dataclasses import replace
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.sources import Notice, Sample, Source, connections
 
 RANDOM = np.random.default_rng(1)
@@ -125,8 +123,7 @@ def test_without_its_package_a_source_says_what_to_install(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.toml").write_text(text)
     monkeypatch.setattr(connections.importlib, "import_module", missing)
-    with pytest.raises(InputError, match=rf"needs the package {package}, .*Try: pip install 'truearm\[{extra}\]'"):
-        ta.open_source(name)
+    refuses(rf"needs the package {package}, .*Try: pip install 'truearm\[{extra}\]'", ta.open_source, name)
 
 
 def test_kinds_say_what_is_missing(monkeypatch):

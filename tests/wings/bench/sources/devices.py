@@ -1,7 +1,5 @@
 """Devices that exist in a thread: what a test writes to a socket or a pseudo terminal, and what it answers."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import threading

@@ -1,7 +1,5 @@
 """EGM and RSI: datagrams of robots, whole and broken, through a port of this computer."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading
@@ -15,7 +13,7 @@ from devices import samples_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.sources import Sample, datagrams, decoded_messages, open_source
 from truearm.wings.bench.sources.decoded_messages import Repeats
 
@@ -199,5 +197,4 @@ def test_any_bytes_are_angles_or_a_value_error(data):
 @pytest.mark.parametrize("address", ["", "x", "0", "70000", "127.0.0.1:", "host:x"])
 def test_what_is_no_port_is_refused(address):
     for source in (datagrams.abb_egm, datagrams.kuka_rsi):
-        with pytest.raises(InputError, match="expected a port"):
-            source(address)
+        refuses("expected a port", source, address)

@@ -1,7 +1,5 @@
 """What happens to a device is said on the stream of the live page: garbage, silence, a restart, a clock that jumps."""
 
-from __future__ import annotations
-
 import json
 import queue
 import threading

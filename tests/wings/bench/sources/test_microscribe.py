@@ -1,7 +1,5 @@
 """MicroScribe: an arm that is emulated on a socket and on a pseudo terminal, with the counts per turn of a real one."""
 
-from __future__ import annotations
-
 import os
 import select
 import socket
@@ -15,8 +13,9 @@ from devices import samples_of, tcp_device
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from refusals import refuses
 from truearm.command_line import run
-from truearm.errors import InputError, TruearmError
+from truearm.errors import TruearmError
 from truearm.wings.bench.sources import connections
 from truearm.wings.bench.sources import microscribe as protocol
 from truearm.wings.bench.sources.microscribe import microscribe
@@ -242,5 +241,4 @@ def test_constants_that_cannot_be_read_are_refused(impatient, monkeypatch, reque
 
 
 def test_another_source_states_no_constants():
-    with pytest.raises(InputError, match="states no constants"):
-        read_source_arm("virtual:ur10")
+    refuses("states no constants", read_source_arm, "virtual:ur10")

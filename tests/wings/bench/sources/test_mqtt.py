@@ -1,7 +1,5 @@
 """MQTT: our source against a broker in a thread, which speaks the packets of MQTT 3.1.1."""
 
-from __future__ import annotations
-
 import json
 import socket
 import struct
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 from devices import samples_of, tcp_device
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.sources import connections, open_source
 
 pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
@@ -154,5 +152,4 @@ def test_a_lost_broker_and_a_refusal_are_said_and_it_connects_again(tmp_path):
 def test_a_wrong_file_is_refused(tmp_path, change, said):
     file = tmp_path / "mqtt.toml"
     file.write_text(FILE.replace(*change).format(port=1))
-    with pytest.raises(InputError, match=said):
-        open_source(f"mqtt:{file}")
+    refuses(said, open_source, f"mqtt:{file}")

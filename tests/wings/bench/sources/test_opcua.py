@@ -1,7 +1,5 @@
 """OPC UA for Robotics: our client against a server in process, with the nodes that OPC 40010-1 names."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import threading
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 from devices import samples_of, tcp_device
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.sources import connections, opcua, open_source
 
 asyncua = pytest.importorskip("asyncua", reason="asyncua is not installed")
@@ -140,5 +138,4 @@ def test_what_is_no_opc_ua_is_said(garbage, monkeypatch):
 
 @pytest.mark.parametrize("address", ["host:port", "host:65536", "host:4840 x", "http://host", "ho st"])
 def test_what_is_no_server_is_refused(address):
-    with pytest.raises(InputError, match="expected an OPC UA server"):
-        open_source(f"opcua:{address}")
+    refuses("expected an OPC UA server", open_source, f"opcua:{address}")

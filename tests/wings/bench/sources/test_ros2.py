@@ -1,7 +1,5 @@
 """ROS 2: joint states by DDS from a writer in the same process, on the loopback interface alone."""
 
-from __future__ import annotations
-
 import os
 import threading
 from contextlib import contextmanager
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 from devices import samples_of
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.sources import Sample, decoded_messages, open_source
 from truearm.wings.bench.sources.ros2 import joint_state
 
@@ -108,5 +106,4 @@ def test_a_topic_without_messages_is_said(tmp_path):
 def test_a_name_twice_is_refused(tmp_path):
     file = tmp_path / "ros2.toml"
     file.write_text('joints = ["pan", "pan"]\n')
-    with pytest.raises(InputError, match="a name is twice in joints"):
-        open_source(f"ros2:{file}")
+    refuses("a name is twice in joints", open_source, f"ros2:{file}")

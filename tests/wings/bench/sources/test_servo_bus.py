@@ -1,7 +1,5 @@
 """Bus servos: packets against published ones, emulated arms, and answers that are torn, disturbed or missing."""
 
-from __future__ import annotations
-
 import random
 import socket
 from math import pi
@@ -11,7 +9,7 @@ from devices import samples_of, tcp_device
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.sources import connections, dynamixel, feetech, servo_bus
 
 IDS = (1, 2, 3, 4, 5, 6)
@@ -157,8 +155,6 @@ def test_packets_are_those_of_the_manuals():
 def test_a_wrong_file_is_refused(tmp_path, text, said):
     path = tmp_path / "arm.toml"
     path.write_text(text)
-    with pytest.raises(InputError, match=said):
-        feetech.feetech(path, "tcp:127.0.0.1:9")
+    refuses(said, feetech.feetech, path, "tcp:127.0.0.1:9")
     path.write_text("ids = [1]")
-    with pytest.raises(InputError, match="the key connection is missing"):
-        feetech.feetech(path)
+    refuses("the key connection is missing", feetech.feetech, path)

@@ -1,7 +1,5 @@
 """Standstill: when a reading is taken, what its mean is, and that it is taken once."""
 
-from __future__ import annotations
-
 from math import radians
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.sources import Sample, StandstillRule
 from truearm.wings.bench.sources.standstill import MOVED, LastMovement, Standstill
 
@@ -105,8 +103,7 @@ def test_memory_is_bounded_by_the_window():
 
 @pytest.mark.parametrize("keys", [{"window_s": 0}, {"spread_rad": -1}, {"spread_mm": float("nan")}])
 def test_a_rule_without_sense_is_refused(keys):
-    with pytest.raises(InputError, match="expected a positive"):
-        StandstillRule(**keys)
+    refuses("expected a positive", StandstillRule, **keys)
 
 
 def test_the_default_spread_is_a_twentieth_of_a_degree():

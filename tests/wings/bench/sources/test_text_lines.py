@@ -1,7 +1,5 @@
 """Text lines: patterns, scales, and what a hostile or broken line does to the samples after it (nothing)."""
 
-from __future__ import annotations
-
 import os
 import socket
 from itertools import islice
@@ -13,6 +11,7 @@ from devices import samples_of, tcp_device
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.wings.bench.sources import Notice, Sample, connections
@@ -112,25 +111,21 @@ def test_a_checksum_is_checked():
     ],
 )
 def test_a_wrong_file_is_refused(keys, said):
-    with pytest.raises(InputError, match=said.replace("{", r"\{")):
-        line_parser(LinesDocument(**keys))
+    refuses(said.replace("{", r"\{"), line_parser, LinesDocument(**keys))
 
 
 def test_a_wrong_unit_is_one_fault(tmp_path):
     file = tmp_path / "arm.toml"
     file.write_text(TWO + "unit = 'grad'\nconnection = 'tcp:h:1'\n")
-    with pytest.raises(InputError, match=r"unit\[1\]: expected 'deg', 'rad', 'counts' or 'mm', got 'grad'"):
-        text_lines(file)
+    refuses(r"unit\[1\]: expected 'deg', 'rad', 'counts' or 'mm', got 'grad'", text_lines, file)
 
 
 def test_a_file_without_a_connection_is_refused(tmp_path):
     file = tmp_path / "arm.toml"
     file.write_text(TWO)
-    with pytest.raises(InputError, match=r"arm.toml: the key connection is missing"):
-        text_lines(file)
+    refuses(r"arm.toml: the key connection is missing", text_lines, file)
     for connection in ("tcp:9000", "tcp:host:x", "udp:70000", "http:host:80", "serial:"):
-        with pytest.raises(InputError, match="expected a connection"):
-            text_lines(file, connection)
+        refuses("expected a connection", text_lines, file, connection)
 
 
 class Link:
@@ -286,8 +281,7 @@ def test_pyserial_missing_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
     file = tmp_path / "arm.toml"
     file.write_text(TWO)
-    with pytest.raises(InputError, match=r"truearm\[live\]"):
-        text_lines(file, "serial:COM3:9600")
+    refuses(r"truearm\[live\]", text_lines, file, "serial:COM3:9600")
 
 
 def test_degrees_become_radians():

@@ -1,7 +1,5 @@
 """RTDE: our client against a controller that is emulated, and that emulation against an independent client."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import socket
@@ -14,7 +12,7 @@ import numpy as np
 import pytest
 from devices import samples_of, tcp_device
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.bench.sources import connections
 from truearm.wings.bench.sources.ur_rtde import ur_rtde
 
@@ -137,8 +135,7 @@ def test_what_is_no_rtde_is_said_and_the_client_connects_again(controller, said)
 
 def test_a_rate_that_no_controller_has_is_refused():
     for rate in ("0", "501", "fast", "nan"):
-        with pytest.raises(InputError, match="1 to 500 samples a second"):
-            ur_rtde("127.0.0.1", rate)
+        refuses("1 to 500 samples a second", ur_rtde, "127.0.0.1", rate)
 
 
 CLIENT = """

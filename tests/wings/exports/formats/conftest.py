@@ -1,7 +1,5 @@
 """Short files of constants: their loss from two parts of the region, where users have ten."""
 
-from __future__ import annotations
-
 import pytest
 
 from truearm.wings.exports.formats import rigid_arm

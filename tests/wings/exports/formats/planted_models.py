@@ -1,7 +1,5 @@
 """Models with terms of every basis at every place, their coefficients planted: no long fit stands behind them."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from functools import cache

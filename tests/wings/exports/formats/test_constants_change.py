@@ -1,7 +1,5 @@
 """Laws of the change of an arm's constants: planted truth, one gauge for both models, false alarms, antisymmetry."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm.nearest_table import nearest_table
 from truearm.readings import Session
 from truearm.wings.exports.formats.constants_change import FALSE_ALARM, _square_limit, constants_change
@@ -198,8 +197,7 @@ def test_models_of_different_regions_are_compared_at_the_poses_of_either(old):
 def test_a_model_without_poses_of_its_training_is_refused(old, new):
     new = model_of(NEW, 2, n=30)
     new.training_ = replace(new.training_, angle_sample=None)
-    with pytest.raises(ta.InputError, match="keeps no poses"):
-        constants_change(old, new)
+    refuses("keeps no poses", constants_change, old, new)
 
 
 def test_both_rigid_arms_are_of_the_same_poses(monkeypatch, old, new):

@@ -1,16 +1,14 @@
 """Laws of the constants beside the drawing: planted changes come back with honest uncertainties, in the file too."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import chain_from_dh, nearest_table
 from truearm.arm.arm import Arm
-from truearm.errors import InputError
 from truearm.identification.references.alignment import align
 from truearm.models.compensator import Compensator
 from truearm.number_format import RoundedNumber
@@ -224,8 +222,7 @@ def test_a_flange_and_a_modified_table_are_in_the_file(tmp_path):
 def test_a_damaged_file_is_refused(whole, tmp_path, change, message):
     path = tmp_path / "constants.csv"
     path.write_text(change(whole))
-    with pytest.raises(InputError, match=message):
-        constants.tips(path, np.zeros((1, 6)))
+    refuses(message, constants.tips, path, np.zeros((1, 6)))
 
 
 def test_the_page_has_every_constant(planted):

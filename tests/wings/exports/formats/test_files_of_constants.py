@@ -1,7 +1,5 @@
 """Files of constants for controllers and ROS: exact, with one direction, refused where damaged or of another robot."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -11,6 +9,7 @@ import yaml
 from planted_models import empty_models
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import chain_from_dh
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
@@ -175,8 +174,7 @@ def test_a_damaged_file_of_offsets_is_refused(whole, change, message, tmp_path):
     changed = change(whole)
     assert changed != whole
     path.write_text(changed)
-    with pytest.raises(InputError, match=message):
-        joint_offsets.tips(path, np.zeros((1, 6)))
+    refuses(message, joint_offsets.tips, path, np.zeros((1, 6)))
 
 
 # UR kinematics
@@ -227,27 +225,22 @@ def test_the_tool_is_no_part_of_the_robot(ur10, source, tmp_path):
     path.write_text("".join(line + "\n" for line in text.splitlines() if "tool0" not in line))
     np.testing.assert_array_equal(ur_kinematics.tips(path, q), read_ur_kinematics(path).chain.tip_in_base(q))
     path.write_text(text.replace("tip in tool0 [m]: ", "tip in tool0 [m]: x"))
-    with pytest.raises(InputError, match="expected three finite numbers after"):
-        ur_kinematics.tips(path, q)
+    refuses("expected three finite numbers after", ur_kinematics.tips, path, q)
 
 
 def test_what_has_no_place_in_the_file_is_refused(ur10, panda, source, tmp_path):
     path = tmp_path / "out.yaml"
     with pytest.raises(InputError, match=r"the hash by which the driver recognises the robot is not known.*--original"):
         ur_kinematics.write(ur10, path)
-    with pytest.raises(InputError, match="expected a UR, got the arm 'panda' of 7 joints"):
-        ur_kinematics.write(panda, path)
-    with pytest.raises(InputError, match=r"the arm 'panda' 7 joints|has 6 joints"):
-        ur_kinematics.write(panda, path, source=source)
-    with pytest.raises(InputError, match="in the robot's own base frame"):
-        ur_kinematics.write(ur10, path, source=source, frame="reference")
+    refuses("expected a UR, got the arm 'panda' of 7 joints", ur_kinematics.write, panda, path)
+    refuses(r"the arm 'panda' 7 joints|has 6 joints", ur_kinematics.write, panda, path, source=source)
+    refuses("in the robot's own base frame", ur_kinematics.write, ur10, path, source=source, frame="reference")
     gao = ta.load_arm("gao2017")
     with pytest.raises(InputError, match=r"expected a UR, got the arm 'gao2017': its axes 2 and 3 are at 90 deg"):
         ur_kinematics.write(fitted(gao, with_errors(gao)), path)
     nameless = tmp_path / "nameless.yaml"
     nameless.write_text(source.read_text().replace(f"  hash: {HASH}\n", ""))
-    with pytest.raises(InputError, match="the hash by which the driver recognises"):
-        ur_kinematics.write(ur10, path, source=nameless)
+    refuses("the hash by which the driver recognises", ur_kinematics.write, ur10, path, source=nameless)
     assert not path.exists()
 
 
@@ -255,12 +248,7 @@ def test_what_has_no_place_in_the_file_is_refused(ur10, panda, source, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("format", "name"),
-    [
-        ("constants", "a.csv"),
-        ("joint-offsets", "a.yaml"),
-        ("ur-kinematics", "a.yaml"),
-    ],
+    ("format", "name"), [("constants", "a.csv"), ("joint-offsets", "a.yaml"), ("ur-kinematics", "a.yaml")]
 )
 def test_the_check_of_a_file_finds_what_was_changed(ur10, source, format, name, tmp_path):
     path = tmp_path / name
@@ -301,8 +289,7 @@ def test_constants_whose_columns_contradict_each_other_are_refused(ur10, tmp_pat
     cells[column] = value
     lines[at] = ",".join(cells)
     path.write_text("\n".join(lines))
-    with pytest.raises(InputError, match=r"identified constant|in mm|finite"):
-        constants.tips(path, poses(ur10.arm_, 3))
+    refuses(r"identified constant|in mm|finite", constants.tips, path, poses(ur10.arm_, 3))
     assert not check_export(ur10, path).agrees
 
 
@@ -323,11 +310,7 @@ def oddly_named(request):
 
 
 @pytest.mark.parametrize(
-    ("format", "name"),
-    [
-        ("constants", "a.csv"),
-        *(("joint-offsets", "a.yaml"), ("urdf", "a.urdf"), ("json", "b.json")),
-    ],
+    ("format", "name"), [("constants", "a.csv"), *(("joint-offsets", "a.yaml"), ("urdf", "a.urdf"), ("json", "b.json"))]
 )
 def test_any_name_of_a_joint_comes_back(oddly_named, format, name, tmp_path):
     export(oddly_named, tmp_path / name, format=format)

@@ -1,7 +1,5 @@
 """Laws of the best rigid stand-in: a rigid arm comes back, any arm comes nearer, what no pose shows stays nominal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import screw_z
@@ -179,21 +178,18 @@ def test_of_many_poses_some_are_used(kinematic, monkeypatch):
     ids=["another arm", "too few", "one pose", "NaN", "infinite"],
 )
 def test_poses_that_are_no_region_are_refused(kinematic, angles):
-    with pytest.raises(InputError, match=r"region of 4 or more poses of 6 joints"):
-        best_rigid_arm(kinematic, angles)
+    refuses(r"region of 4 or more poses of 6 joints", best_rigid_arm, kinematic, angles)
 
 
 def test_degrees_are_refused(kinematic):
-    with pytest.raises(InputError, match="limit"):
-        best_rigid_arm(kinematic, np.degrees(some_poses(kinematic.arm_)))
+    refuses("limit", best_rigid_arm, kinematic, np.degrees(some_poses(kinematic.arm_)))
 
 
 def test_a_model_without_a_sample_asks_for_a_region(kinematic):
     old = ta.KinematicModel(kinematic.arm_)
     old.__dict__.update(kinematic.__dict__)
     old.training_ = replace(kinematic.training_, angle_sample=None)
-    with pytest.raises(InputError, match="keeps no poses of its training.*--region"):
-        best_rigid_arm(old)
+    refuses("keeps no poses of its training.*--region", best_rigid_arm, old)
     assert best_rigid_arm(old, some_poses(old.arm_)).loss.exported_max_mm < 1e-6
 
 

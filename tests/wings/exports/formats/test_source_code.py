@@ -1,7 +1,5 @@
 """Laws of the exported source code: C and JavaScript compute what Python does."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import shutil
@@ -14,6 +12,7 @@ import pytest
 from planted_models import angles_of, empty_models, every_term, network_model, planted_model, rail_arm, stated_readings
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import Arm, Chain
 from truearm.errors import MissingTool
 from truearm.identification.terms import Column, Constant, Term
@@ -626,8 +625,7 @@ def test_networks_and_bases_of_one_s_own_are_refused(tmp_path):
     own = [Term("own", 1, (0, 0, 1, 0, 0, 0), Wobble(), "own", 1e-3), CONSTANT]
     for model, problem in ((network_model(), "NetworkModel"), (planted_model(arm, own), "Wobble")):
         for module in (c_source, es_module):
-            with pytest.raises(ta.InputError, match=problem):
-                module.write(model, Manifest.of(model, module.FORMAT), tmp_path / "arm")
+            refuses(problem, module.write, model, Manifest.of(model, module.FORMAT), tmp_path / "arm")
     assert not list(tmp_path.iterdir())
 
 
@@ -637,36 +635,28 @@ def test_missing_tools_and_damaged_files_are_named(tmp_path, nominal, monkeypatc
     es_module.write(nominal, Manifest.of(nominal, "js"), js)
     q = np.zeros((2, 6))
     for module, path in ((c_source, c), (es_module, js)):
-        with pytest.raises(ta.InputError, match=r"expected joints of shape \(n, 6\), got \(2, 5\)"):
-            module.tips(path, np.zeros((2, 5)))
+        refuses(r"expected joints of shape \(n, 6\), got \(2, 5\)", module.tips, path, np.zeros((2, 5)))
     if shutil.which("cc"):
         with pytest.raises(ta.InputError, match=r"arm.c, pose 2: the file refuses the joints with code -1"):
             c_source.tips(c, [[0.0] * 6, [np.nan] + [0.0] * 5])
         c.write_text(c.read_text().replace("static int is_number", "static int is_number("))
-        with pytest.raises(ta.InputError, match="the C compiler refuses the file"):
-            c_source.tips(c, q)
+        refuses("the C compiler refuses the file", c_source.tips, c, q)
     if shutil.which("node"):
-        with pytest.raises(ta.InputError, match=r"arm.mjs, pose 1: the module refuses the joints"):
-            es_module.tips(js, [[1e7] + [0.0] * 5])
+        refuses(r"arm.mjs, pose 1: the module refuses the joints", es_module.tips, js, [[1e7] + [0.0] * 5])
         js.write_text(js.read_text().replace("export function predictPoint", "export function predict Point"))
-        with pytest.raises(ta.InputError, match="Node.js refuses the file"):
-            es_module.tips(js, q)
+        refuses("Node.js refuses the file", es_module.tips, js, q)
     line = read_manifest(c).line()
     if shutil.which("cc"):
         c.write_text(f"/* {line} */ int other(void) {{ return 0; }}\n")
-        with pytest.raises(ta.InputError, match="no function truearm_predict"):
-            c_source.tips(c, q)
+        refuses("no function truearm_predict", c_source.tips, c, q)
     if shutil.which("node"):
         js.write_text(f"/* {line} */ console.log(1); export const predictPoint = () => [0, 0, 0];\n")
-        with pytest.raises(ta.InputError, match="prints something of its own"):
-            es_module.tips(js, q)
+        refuses("prints something of its own", es_module.tips, js, q)
         js.write_text(f"/* {line} */ export const other = 1;\n")
-        with pytest.raises(ta.InputError, match="not a function"):
-            es_module.tips(js, q)
+        refuses("not a function", es_module.tips, js, q)
         js.write_text(f"/* {line} */ for (;;);\n")
         monkeypatch.setattr(source_code, "MAX_SECONDS", 0.5)
-        with pytest.raises(ta.InputError, match=r"did not finish the file in 0.5 s"):
-            es_module.tips(js, q)
+        refuses(r"did not finish the file in 0.5 s", es_module.tips, js, q)
     monkeypatch.setattr(shutil, "which", lambda _: None)
     with pytest.raises(MissingTool, match="C compiler"):
         c_source.tips(c, q)

@@ -1,7 +1,5 @@
 """Laws of the URDF export: the stand-in's tips in any reader, and of the robot's own file nothing else changes."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import read_urdf
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
@@ -107,8 +106,8 @@ def exported(folder, source, model) -> tuple[Path, RigidArm]:
 
 
 @pytest.fixture(scope="module")
-def ur10() -> ta.PhysicalModel:
-    return ta.PhysicalModel(ta.load_arm("ur10"), highest=2).fit_readings(ta.simulate("ur10", poses=60, seed=1).session)
+def ur10(ur10_session) -> ta.PhysicalModel:
+    return ta.PhysicalModel(ta.load_arm("ur10"), highest=2).fit_readings(ur10_session)
 
 
 def pinocchio_tips(path: Path, joint_names: tuple[str, ...], joints: np.ndarray, base: str, tip: str) -> np.ndarray:
@@ -379,25 +378,21 @@ def test_a_wrong_unit_shows_at_the_check_poses(tmp_path, exported):
 def test_a_source_that_is_not_this_robots_file_is_refused_and_nothing_written(tmp_path, model, change, message):
     path = tmp_path / "source.urdf"
     path.write_text(change(ROBOT), encoding="utf-8")
-    with pytest.raises(InputError, match=message) as caught:
-        urdf.write(model, tmp_path / "out.urdf", source=f"{path}:base_link:tool0")
-    assert caught.value.file == path
+    assert refuses(message, urdf.write, model, tmp_path / "out.urdf", source=f"{path}:base_link:tool0").file == path
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_two_bytes_a_character_are_refused(tmp_path, model):
     path = tmp_path / "source.urdf"
     path.write_bytes(ROBOT.replace("UTF-8", "UTF-16").encode("utf-16"))
-    with pytest.raises(InputError, match="UTF-8 or another encoding"):
-        urdf.write(model, tmp_path / "out.urdf", source=f"{path}:base_link:tool0")
+    refuses("UTF-8 or another encoding", urdf.write, model, tmp_path / "out.urdf", source=f"{path}:base_link:tool0")
 
 
 def test_a_source_may_leave_its_links_to_be_found(source, tmp_path, model):
     urdf.write(model, tmp_path / "out.urdf", source=source)
     urdf.write(model, tmp_path / "named.urdf", source=f"{source}::tool0")
     np.testing.assert_array_equal(*(ta.load_arm(tmp_path / f).chain.fixed for f in ("out.urdf", "named.urdf")))
-    with pytest.raises(InputError, match="does not exist"):
-        urdf.write(model, tmp_path / "out.urdf", source=tmp_path / "none.urdf")
+    refuses("does not exist", urdf.write, model, tmp_path / "out.urdf", source=tmp_path / "none.urdf")
 
 
 def test_joints_that_changed_their_names_are_refused(model, source, folder):
@@ -408,8 +403,7 @@ def test_joints_that_changed_their_names_are_refused(model, source, folder):
     text = path.read_text()
     swapped = text.replace('name="a1"', 'name="a_"').replace('name="a2"', 'name="a1"').replace('name="a_"', 'name="a2"')
     path.write_text(swapped)
-    with pytest.raises(InputError, match="expected the joints a1, a2"):
-        urdf.tips(path, read_manifest(path).joints)
+    refuses("expected the joints a1, a2", urdf.tips, path, read_manifest(path).joints)
 
 
 def test_only_the_old_manifests_comment_is_removed(model, source, folder):

@@ -1,7 +1,5 @@
 """Laws of the tables behind exported source code: values, runs, and the reduced covariance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Fitted models of small arms with known truth, once per session."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

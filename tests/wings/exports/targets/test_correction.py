@@ -1,7 +1,5 @@
 """Laws of corrected targets: they reach, both directions are inverse, what cannot be corrected is refused alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from refusals import refuses
 from truearm.arm import Pose, load_arm
-from truearm.errors import InputError
 from truearm.identification.terms import Temperature
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.readings import hold_out
@@ -339,8 +337,7 @@ def test_a_tool_at_the_nominal_tip_corrects_as_the_trained_tip(ur10):
 
 
 def test_a_network_takes_no_tool(network):
-    with pytest.raises(InputError, match="no other tool"):
-        with_tool(network.model, np.zeros(6))
+    refuses("no other tool", with_tool, network.model, np.zeros(6))
 
 
 def test_covariances_are_those_of_the_prediction_at_the_joints_sent(ur10):
@@ -385,8 +382,7 @@ def test_a_stated_temperature_counts(ur10):
     ],
 )
 def test_wrong_input_is_refused_with_a_reason(ur10, targets, options, message):
-    with pytest.raises(InputError, match=message):
-        corrected(ur10, targets, **options)
+    refuses(message, corrected, ur10, targets, **options)
 
 
 def test_measured_points_give_back_the_joints_that_were_there():

@@ -1,7 +1,5 @@
 """Tables of targets: every way to state a pose is the same pose; what is ambiguous, missing or corrected is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.exports.targets.target_files import read_targets, targets_from_frame
 
 # Degrees to radians and back: some roundings of numbers up to pi.
@@ -103,19 +101,15 @@ BAD = [
 
 @pytest.mark.parametrize(("columns", "message"), BAD)
 def test_a_table_that_is_ambiguous_or_incomplete_is_refused(columns, message, tmp_path):
-    with pytest.raises(InputError, match=message):
-        targets_from_frame(pd.DataFrame(columns))
+    refuses(message, targets_from_frame, pd.DataFrame(columns))
     path = tmp_path / "targets.csv"
     pd.DataFrame(columns).to_csv(path, index=False)
-    with pytest.raises(InputError, match=message) as caught:
-        read_targets(path)
-    assert caught.value.file == path
+    assert refuses(message, read_targets, path).file == path
 
 
 def test_a_reflection_is_no_rotation():
     mirror = {f"r{i}{j}": [float(i == j)] * 2 for i in range(1, 4) for j in range(1, 4)} | {"r33": [-1.0, -1.0]}
-    with pytest.raises(InputError, match="expected a rotation matrix"):
-        targets_from_frame(pd.DataFrame({**JOINTS, **XYZ, **mirror}))
+    refuses("expected a rotation matrix", targets_from_frame, pd.DataFrame({**JOINTS, **XYZ, **mirror}))
 
 
 @pytest.mark.parametrize(
@@ -134,21 +128,17 @@ def test_a_reflection_is_no_rotation():
 def test_a_broken_file_is_refused_with_its_place(text, message, tmp_path):
     path = tmp_path / "targets.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=message):
-        read_targets(path)
+    refuses(message, read_targets, path)
 
 
 def test_names_of_columns_are_text():
-    with pytest.raises(InputError, match="names of columns"):
-        targets_from_frame(pd.DataFrame(np.zeros((1, 6))))
+    refuses("names of columns", targets_from_frame, pd.DataFrame(np.zeros((1, 6))))
 
 
 @pytest.mark.parametrize("start", ["a", [np.nan] * 6, np.zeros((2, 6)), [[1.0], [1.0, 2.0]]])
 def test_start_joints_are_finite_numbers(start):
-    with pytest.raises(InputError, match="expected start joints as finite numbers"):
-        targets_from_frame(pd.DataFrame(XYZ), start=start)
+    refuses("expected start joints as finite numbers", targets_from_frame, pd.DataFrame(XYZ), start=start)
 
 
 def test_start_twice_is_refused():
-    with pytest.raises(InputError, match="start joints are given twice"):
-        targets_from_frame(pd.DataFrame({**JOINTS, **XYZ}), start=np.zeros(6))
+    refuses("start joints are given twice", targets_from_frame, pd.DataFrame({**JOINTS, **XYZ}), start=np.zeros(6))

@@ -1,7 +1,5 @@
 """What the laws of certificates have in common."""
 
-from __future__ import annotations
-
 import made_up_outcome
 import pytest
 

@@ -1,7 +1,5 @@
 """A made-up verification and what a certificate of it says beside the results."""
 
-from __future__ import annotations
-
 import datetime
 from itertools import count
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The assessor's walk: every row of its table is whole, and what it names is there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A sample of the ways to a false certificate and of right campaigns; all: `python -m benchmarks certificates`."""
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

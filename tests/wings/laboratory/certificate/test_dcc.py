@@ -1,7 +1,5 @@
 """Digital calibration certificates: what is written is what is read, by the schemas' rules, and no file does harm."""
 
-from __future__ import annotations
-
 import datetime
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -12,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_outcome import CONFIRMED, DAY, RECALLED, ROWS, about, certificate, outcome, row
 
+from refusals import refuses
 from truearm.errors import InputError, TruearmError
 from truearm.wings.laboratory.certificate import dcc_reader as module
 from truearm.wings.laboratory.certificate.administrative_data import xml_text as one_line
@@ -47,12 +46,7 @@ LEAN = certificate(
         received=None,
         place="laboratory",
         **dict.fromkeys(("site", "replaces", "adjustment", "notes")),
-        item={
-            "name": "arm",
-            "maker": "m",
-            "model": "A",
-            "serial_number": "7",
-        },
+        item={"name": "arm", "maker": "m", "model": "A", "serial_number": "7"},
         laboratory={"name": "l", "post_code": "0", "city": "c", "country": "DE"},
         persons=[{"name": "p", "main_signer": True}],
         conditions={"temperature_degC": (20.0, 20.0)},
@@ -106,12 +100,7 @@ lists = st.lists(
 def certificates(draw):
     told = about(
         number=draw(words),
-        item={
-            "name": draw(words),
-            "maker": draw(words),
-            "model": draw(words),
-            "serial_number": draw(words),
-        },
+        item={"name": draw(words), "maker": draw(words), "model": draw(words), "serial_number": draw(words)},
         set_up=draw(st.fixed_dictionaries({"stylus": words, "mounting": words, "software": words})),
         conditions={
             "temperature_degC": sorted([draw(st.floats(-50, 100)), draw(st.floats(-50, 100))]),
@@ -402,8 +391,7 @@ def test_states_and_statements_are_whole():
 
 def test_a_mark_and_a_conformity_in_one_file_are_refused():
     text = dcc(WHOLE).decode().replace("truearm_limitsOfUse", "truearm_notForConformityDecisions")
-    with pytest.raises(InputError, match="not for conformity decisions, but states a conformity"):
-        parse_dcc(text.encode())
+    refuses("not for conformity decisions, but states a conformity", parse_dcc, text.encode())
 
 
 def test_every_individual_result_and_budget_is_stated():
@@ -626,17 +614,13 @@ def test_a_signed_certificate_is_valid_by_the_schema(tmp_path):
 def test_a_broken_certificate_is_refused_with_the_reason(change, told, tmp_path):
     file = tmp_path / "certificate.xml"
     file.write_text(change(dcc(WHOLE).decode()))
-    with pytest.raises(InputError, match=told) as refused:
-        read_dcc(file)
-    assert refused.value.file == file
+    assert refuses(told, read_dcc, file).file == file
 
 
 def test_no_other_encoding_hides_a_document_type():
     text = dcc(WHOLE).decode().replace("encoding='utf-8'", "encoding='utf-16'")
-    with pytest.raises(InputError, match="UTF-8"):
-        parse_dcc(text.encode("utf-16"))
-    with pytest.raises(InputError, match=r"UTF-8|XML"):
-        parse_dcc(b"\x00" + dcc(WHOLE))
+    refuses("UTF-8", parse_dcc, text.encode("utf-16"))
+    refuses(r"UTF-8|XML", parse_dcc, b"\x00" + dcc(WHOLE))
     # What the declaration says does not count: the bytes are UTF-8.
     assert parse_dcc(text.encode()) == WHOLE
 
@@ -649,8 +633,7 @@ def test_texts_are_read_in_one_line():
 def test_a_long_file_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_BYTES", 1000)
     (tmp_path / "certificate.xml").write_bytes(dcc(WHOLE))
-    with pytest.raises(InputError, match=r"larger than 0\.001 MB"):
-        read_dcc(tmp_path / "certificate.xml")
+    refuses(r"larger than 0\.001 MB", read_dcc, tmp_path / "certificate.xml")
 
 
 def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads():

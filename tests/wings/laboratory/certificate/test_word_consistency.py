@@ -1,7 +1,5 @@
 """What a certificate says in words agrees with its data: what is said otherwise is named, and nothing else."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from decimal import Decimal

@@ -1,7 +1,5 @@
 """Control charts: what is a change, how often one is seen where there is none, and how soon one that is there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The deviations that the uncertainty of a model explains: each against errors drawn with that uncertainty."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import fdtri, stdtrit

@@ -1,7 +1,5 @@
 """The history of checks: it returns what was stored, whole or not at all, and refuses damaged and foreign files."""
 
-from __future__ import annotations
-
 import datetime
 import hashlib
 import json
@@ -18,7 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError, TruearmError
+from refusals import refuses
+from truearm.errors import TruearmError
 from truearm.wings.laboratory.monitor.assessment import RecalibrationAdvice
 from truearm.wings.laboratory.monitor.history import _TABLE as TABLE
 from truearm.wings.laboratory.monitor.history import APPLICATION_ID, VERSION, History
@@ -71,8 +70,7 @@ def test_what_was_accepted_stays_with_the_check(path):
     assert History(path).append(said)
     assert History(path).checks(MODEL) == (said,)
     for bad in ("", "two\nlines", 7):
-        with pytest.raises(InputError, match="what was accepted"):
-            check(accepted=(bad,))
+        refuses("what was accepted", check, accepted=(bad,))
 
 
 def test_the_file_identifies_itself(filled):
@@ -93,8 +91,7 @@ def test_a_session_counts_once_for_each_model(filled):
 
 
 def test_checks_are_added_in_the_order_of_their_dates(filled):
-    with pytest.raises(InputError, match="before the last one of 2026-01-03 08:30"):
-        History(filled).append(check(2, session="c" * 64))
+    refuses("before the last one of 2026-01-03 08:30", History(filled).append, check(2, session="c" * 64))
     assert History(filled).append(check(3, session="c" * 64))  # the same minute is no earlier
     assert [one.session[-1] for one in History(filled).checks(MODEL)] == ["1", "2", "3", "c"]
 
@@ -167,10 +164,8 @@ def test_a_withdrawn_check_stays_with_its_reason_and_its_number(filled):
     assert counted(history.checks(MODEL)) == (check(1), check(3))
     assert history.head[0] == rows + 1
     assert history.head[1] != checksum
-    with pytest.raises(InputError, match="withdrawn already, or not in this history"):
-        history.withdraw(second, LATER)
-    with pytest.raises(InputError, match="withdrawn already, or not in this history"):
-        history.withdraw(check(9), LATER)
+    refuses("withdrawn already, or not in this history", history.withdraw, second, LATER)
+    refuses("withdrawn already, or not in this history", history.withdraw, check(9), LATER)
     assert history.head[0] == rows + 1
 
 
@@ -179,8 +174,7 @@ def test_a_session_may_be_checked_again_after_its_withdrawal(filled):
     history = History(filled)
     future = check(28, session="d" * 64)
     assert history.append(future)
-    with pytest.raises(InputError, match="--withdraw withdraws one with a wrong date"):
-        history.append(check(4))
+    refuses("--withdraw withdraws one with a wrong date", history.append, check(4))
     history.withdraw(future, LATER)
     right = check(4, session="d" * 64)
     assert history.append(right)
@@ -216,8 +210,7 @@ def test_a_model_of_which_all_checks_are_withdrawn_is_no_other_model(filled):
 
 @pytest.mark.parametrize("reason", ["", " ", "x" * 1001, "two\nlines", 5])
 def test_a_withdrawal_needs_a_reason(reason):
-    with pytest.raises(InputError, match="the reason of a withdrawal"):
-        Withdrawal(LATER.date, reason)
+    refuses("the reason of a withdrawal", Withdrawal, LATER.date, reason)
 
 
 @pytest.mark.parametrize(
@@ -237,8 +230,7 @@ def test_a_record_that_is_no_withdrawal_is_refused_though_its_checksum_matches(f
     write_records(filled, [*texts, json.dumps({"withdraws": 1, **stated})])
     assert len(counted(History(filled).checks(MODEL))) == 2
     write_records(filled, [*texts, json.dumps({**stated, **row})])
-    with pytest.raises(InputError, match="damaged"):
-        History(filled)
+    refuses("damaged", History, filled)
 
 
 @pytest.mark.parametrize(
@@ -257,14 +249,12 @@ def test_a_record_that_is_no_withdrawal_is_refused_though_its_checksum_matches(f
     ],
 )
 def test_a_value_that_could_not_be_read_again_cannot_be_made(number, changed):
-    with pytest.raises(InputError):
-        replace(VALUES[number], **changed)
+    refuses(None, replace, VALUES[number], **changed)
 
 
 @pytest.mark.parametrize("changed", [{"values": ()}, {"values": 2 * VALUES}, {"temperature_degC": float("nan")}])
 def test_a_check_that_could_not_be_read_again_cannot_be_made(changed):
-    with pytest.raises(InputError):
-        check(4, **changed)
+    refuses(None, check, 4, **changed)
 
 
 def test_other_models_are_named_with_their_last_result(filled):
@@ -329,28 +319,24 @@ def test_another_model_is_assessed_without_retired_artefacts_and_with_the_specif
 def test_a_model_of_another_arm_is_refused(path):
     history = History(path)
     assert history.append(check(4, model=OTHER), name="new.truearm", arm="gao2017")
-    with pytest.raises(InputError, match="are of arm 'gao2017', the model is of arm 'measuring7'"):
-        history.other_models(MODEL, arm="measuring7")
+    refuses("are of arm 'gao2017', the model is of arm 'measuring7'", history.other_models, MODEL, arm="measuring7")
 
 
 def test_of_two_arms_that_begin_a_history_at_once_one_keeps_it(path):
     history, other = History(path), History(path)
     assert history.other_models(MODEL, arm="measuring7") == ()
     assert other.append(check(1, model=OTHER), arm="gao2017")
-    with pytest.raises(InputError, match="are of arm 'gao2017', the model is of arm 'measuring7'"):
-        history.append(check(2), arm="measuring7")
+    refuses("are of arm 'gao2017', the model is of arm 'measuring7'", history.append, check(2), arm="measuring7")
     assert history.checks(MODEL) == ()
     assert history.append(check(2, model=OTHER), arm="gao2017")
 
 
 def test_a_folder_without_write_permission_is_refused_first(path, filled, monkeypatch):
     monkeypatch.setattr(os, "access", lambda where, mode: mode != os.W_OK)
-    with pytest.raises(InputError, match="no permission to write in the folder"):
-        History(path.with_name("new.sqlite"))
+    refuses("no permission to write in the folder", History, path.with_name("new.sqlite"))
     history = History(filled)
     assert len(history.checks(MODEL)) == 3
-    with pytest.raises(InputError, match="protected"):
-        history.append(check(4))
+    refuses("protected", history.append, check(4))
 
 
 def test_statistics_of_database_tools_do_no_harm(filled):
@@ -373,14 +359,10 @@ def test_other_files_are_refused_and_not_changed(path, filled):
     ):
         file = path.with_name(name)
         file.write_bytes(content)
-        with pytest.raises(InputError, match=phrase) as raised:
-            History(file)
-        assert raised.value.file == file
+        assert refuses(phrase, History, file).file == file
         assert file.read_bytes() == content
-    with pytest.raises(InputError, match="folder"):
-        History(path.parent)
-    with pytest.raises(InputError, match="does not exist"):
-        History(path.parent / "nowhere" / "arm.sqlite")
+    refuses("folder", History, path.parent)
+    refuses("does not exist", History, path.parent / "nowhere" / "arm.sqlite")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="special files of POSIX")
@@ -391,9 +373,7 @@ def test_a_history_is_an_ordinary_file(path):
     ):
         file = path.with_name(name)
         file.symlink_to(target)
-        with pytest.raises(InputError, match=phrase) as raised:
-            History(file)
-        assert raised.value.file == file
+        assert refuses(phrase, History, file).file == file
         assert file.is_symlink()
 
 
@@ -417,8 +397,7 @@ def test_a_history_is_an_ordinary_file(path):
 )
 def test_a_file_of_another_version_or_a_changed_one_is_refused(filled, statement, phrase):
     execute(filled, statement)
-    with pytest.raises(InputError, match=phrase):
-        History(filled)
+    refuses(phrase, History, filled)
 
 
 def flip(content, bit):
@@ -438,9 +417,7 @@ def test_a_flipped_bit_in_a_stored_value_is_refused(path):
         first = 8 * content.index(part.encode())
         for bit in range(first, first + 8 * len(part), step):
             path.write_bytes(flip(content, bit))
-            with pytest.raises(InputError, match="the history is damaged") as raised:
-                history.checks(MODEL)
-            assert "restore the file from a backup" in raised.value.hint
+            assert "restore the file from a backup" in refuses("the history is damaged", history.checks, MODEL).hint
 
 
 @pytest.fixture(scope="module")
@@ -505,15 +482,13 @@ def test_a_record_that_is_no_check_is_refused_though_its_checksum_matches(filled
     assert len(History(filled).checks(MODEL)) == 3
     records[1] |= changed
     write_records(filled, [json.dumps(one) for one in records])
-    with pytest.raises(InputError, match="damaged"):
-        History(filled).checks(MODEL)
+    refuses("damaged", lambda: History(filled).checks(MODEL))
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "9" * 10_000, "[" * 100_000])
 def test_a_record_that_is_no_json_object_is_refused(filled, text):
     write_records(filled, [text])
-    with pytest.raises(InputError, match="damaged"):
-        History(filled)
+    refuses("damaged", History, filled)
 
 
 @pytest.mark.parametrize(
@@ -528,8 +503,7 @@ def test_a_record_that_is_no_json_object_is_refused(filled, text):
 )
 def test_a_row_that_is_missing_or_moved_breaks_the_chain(filled, statement):
     execute(filled, statement)
-    with pytest.raises(InputError, match="damaged"):
-        History(filled)
+    refuses("damaged", History, filled)
 
 
 @pytest.mark.parametrize(
@@ -546,9 +520,7 @@ def test_text_that_is_not_utf_8_is_damage(filled, text, changed):
     whole = filled.read_bytes()
     assert text in whole
     filled.write_bytes(whole.replace(text, changed))
-    with pytest.raises(InputError, match="the history is damaged") as raised:
-        History(filled)
-    assert raised.value.file == filled
+    assert refuses("the history is damaged", History, filled).file == filled
 
 
 def test_a_history_without_write_permission_can_be_read(filled):
@@ -556,5 +528,4 @@ def test_a_history_without_write_permission_can_be_read(filled):
     history = History(filled)
     assert len(history.checks(MODEL)) == 3
     if not os.access(filled, os.W_OK):  # the superuser may
-        with pytest.raises(InputError, match="protected"):
-            history.append(check(4))
+        refuses("protected", history.append, check(4))

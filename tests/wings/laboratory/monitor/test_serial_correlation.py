@@ -1,7 +1,5 @@
 """Predictions and evidence of a process whose consecutive values correlate, against its whole covariance matrix."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

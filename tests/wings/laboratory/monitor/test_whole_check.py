@@ -1,7 +1,5 @@
 """A check as a whole: its readings against those in the same poses before."""
 
-from __future__ import annotations
-
 import datetime
 from dataclasses import replace
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.laboratory.monitor.assessment import RecalibrationAdvice, assess, describe_assessment, describe_power
 from truearm.wings.laboratory.monitor.control_chart import control_rules
@@ -157,11 +156,9 @@ def test_readings_come_back_from_the_history_and_hostile_ones_do_not(rng):
     for broken in (text.replace('"seat cone"', "7", 1), text.replace('"pose": [', '"pose": [1e999, ', 1)):
         with pytest.raises((InputError, ValueError, TypeError)):
             decode_row(broken, [])
-    with pytest.raises(InputError, match="deviation of 3 coordinates"):
-        CheckReading("seat cone", (1.0,), (0.0, 0.0))
+    refuses("deviation of 3 coordinates", CheckReading, "seat cone", (1.0,), (0.0, 0.0))
     fewer_joints = replace(check.readings[0], pose=(1.0,))
-    with pytest.raises(InputError, match="poses of different numbers of joints"):
-        replace(check, readings=(fewer_joints, *check.readings[1:]))
+    refuses("poses of different numbers of joints", replace, check, readings=(fewer_joints, *check.readings[1:]))
     other_joints = replace(check, readings=tuple(replace(one, pose=(1.0,)) for one in check.readings))
     assert compared([check, other_joints]) is None
 

@@ -1,7 +1,5 @@
 """The minimum circumscribed sphere: against brute force in longer arithmetic, and by a certificate of its own."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np
@@ -10,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.laboratory.shapes.minimum_zone import MAX_SPHERE_POINTS, circumscribed_sphere
 
 REAL = np.longdouble
@@ -159,5 +157,4 @@ def test_hand_made_cases():
     ],
 )
 def test_what_is_no_set_of_points_is_refused(points, phrase):
-    with pytest.raises(InputError, match=phrase):
-        circumscribed_sphere(points)
+    refuses(phrase, circumscribed_sphere, points)

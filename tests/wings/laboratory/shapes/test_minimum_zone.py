@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.laboratory import shapes
 
 TURN = Rotation.from_euler("xyz", [0.4, -0.9, 1.3]).as_matrix()
@@ -78,5 +78,4 @@ def test_perfect_points_have_no_width():
 
 
 def test_other_kinds_are_refused():
-    with pytest.raises(InputError, match="expected a zone of plane, circle, sphere, cylinder, got 'cone'"):
-        shapes.minimum_zone("cone", np.eye(3))
+    refuses("expected a zone of plane, circle, sphere, cylinder, got 'cone'", shapes.minimum_zone, "cone", np.eye(3))

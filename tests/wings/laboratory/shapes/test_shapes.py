@@ -1,7 +1,5 @@
 """Least-squares shapes: the published circle, exact constructions, derivatives, honest covariances, rigid motions."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -10,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.laboratory.shapes.circle import CIRCLE, fit_circle
 from truearm.wings.laboratory.shapes.cone import CONE, fit_cone
@@ -374,9 +373,7 @@ def test_without_spare_points_nothing_is_said_of_the_scatter(shape, rng):
 @ALL
 @settings(max_examples=8)
 @given(
-    turn=st.tuples(*[st.floats(-3, 3)] * 3),
-    shift=st.tuples(*[st.floats(-5e3, 5e3)] * 3),
-    seed=st.integers(0, 2**31),
+    turn=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-5e3, 5e3)] * 3), seed=st.integers(0, 2**31)
 )
 def test_what_moves_the_points_moves_the_shape(shape, turn, shift, seed):
     fit_shape, make, names = SHAPES[shape]
@@ -477,8 +474,7 @@ ROUND = np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) *
     ],
 )
 def test_points_that_determine_no_shape_are_refused(shape, points, phrase):
-    with pytest.raises(InputError, match=re.escape(phrase)):
-        SHAPES[shape][0](points)
+    refuses(re.escape(phrase), SHAPES[shape][0], points)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -496,5 +492,4 @@ def test_a_flat_cloud_is_no_sphere_or_says_that_it_may_be_any(seed):
 
 
 def test_a_given_scatter_is_positive():
-    with pytest.raises(InputError, match="positive standard deviation"):
-        fit_plane(COPLANAR, std_mm=0.0)
+    refuses("positive standard deviation", fit_plane, COPLANAR, std_mm=0.0)

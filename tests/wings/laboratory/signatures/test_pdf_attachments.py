@@ -1,12 +1,11 @@
 """XML files in PDF files: the one that is attached, or a refusal in words."""
 
-from __future__ import annotations
-
 import io
 
 import pytest
 
-from truearm.errors import InputError, MissingTool
+from refusals import refuses
+from truearm.errors import MissingTool
 from truearm.files import extra_packages
 from truearm.wings.laboratory.signatures.pdf_attachments import attached_xml, is_pdf
 
@@ -46,8 +45,7 @@ def test_the_one_xml_file_is_returned():
     ],
 )
 def test_other_files_are_refused(content, said, capfd):
-    with pytest.raises(InputError, match=said):
-        attached_xml(content, limit_bytes=10)
+    refuses(said, attached_xml, content, limit_bytes=10)
     assert capfd.readouterr() == ("", "")
 
 
@@ -55,8 +53,7 @@ def test_a_file_that_grows_without_end_is_refused():
     """100 MB of zeros in 100 kB: pypdf stops before."""
     packed = pdf(("a.xml", bytes(100_000_000)))
     assert b"FlateDecode" in packed or len(packed) > 10_000_000
-    with pytest.raises(InputError, match="cannot be read|larger than"):
-        attached_xml(packed, limit_bytes=10_000_000)
+    refuses("cannot be read|larger than", attached_xml, packed, limit_bytes=10_000_000)
 
 
 def test_without_the_package_the_message_says_how_to_get_it(monkeypatch):

@@ -1,7 +1,5 @@
 """Chains of certificates: who is known by whom."""
 
-from __future__ import annotations
-
 import pytest
 from cryptography.hazmat.primitives.asymmetric import rsa
 

@@ -1,7 +1,5 @@
 """Signatures of XML files: verified or refused, and only what was signed is read."""
 
-from __future__ import annotations
-
 import datetime
 import re
 from base64 import b64encode
@@ -13,7 +11,8 @@ from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 from lxml import etree
 
 from made_up_signers import CONTENT, advanced, authority, certified, curve_key, named, sealed, usage, write
-from truearm.errors import InputError, MissingTool
+from refusals import refuses
+from truearm.errors import MissingTool
 from truearm.files import extra_packages
 from truearm.wings.laboratory.signatures import xml_references
 from truearm.wings.laboratory.signatures.x509_certificates import Signer, is_encrypted, read_signer
@@ -76,8 +75,7 @@ def test_what_was_signed_is_read_and_who_signed(keys, name):
 
 def test_a_file_without_a_signature_is_as_it_is_unless_one_is_asked_for(keys):
     assert verified_content(CONTENT) == (CONTENT, None)
-    with pytest.raises(InputError, match="the file is not signed"):
-        verified_content(CONTENT, trusted=keys / "ec.pem")
+    refuses("the file is not signed", verified_content, CONTENT, trusted=keys / "ec.pem")
 
 
 def test_a_signature_of_somebody_with_the_same_name_is_not_the_trusted_one(keys):
@@ -156,9 +154,8 @@ def test_a_changed_file_is_broken(signed, keys, change, said):
 )
 def test_files_that_are_no_certificates_are_refused(signed, keys, change, said):
     for trusted in (None, keys / "ec.pem"):
-        with pytest.raises(InputError, match=said) as caught:
-            verified_content(change(signed.decode()).encode(), trusted=trusted)
-        assert not isinstance(caught.value, BrokenSignature | UnverifiedSignature)
+        caught = refuses(said, verified_content, change(signed.decode()).encode(), trusted=trusted)
+        assert not isinstance(caught, BrokenSignature | UnverifiedSignature)
 
 
 UNSUPPORTED = [
@@ -210,8 +207,7 @@ def test_a_form_that_is_not_supported_is_not_verifiable_here(signed, keys, chang
 
 def test_a_file_of_very_many_elements_is_refused(signed, monkeypatch):
     monkeypatch.setattr(xml_references, "MAX_ELEMENTS", 5)
-    with pytest.raises(InputError, match="expected at most 5 elements"):
-        verified_content(signed)
+    refuses("expected at most 5 elements", verified_content, signed)
 
 
 def test_a_signature_of_a_part_is_broken(signed, keys):
@@ -258,29 +254,20 @@ def test_comments_are_not_part_of_what_is_read(signed):
 
 
 def test_keys_and_certificates_are_checked(keys, tmp_path):
-    with pytest.raises(InputError, match="the certificate does not belong to the key"):
-        read_signer(keys / "ec.key", keys / "other.pem")
-    with pytest.raises(InputError, match="expected a private key"):
-        read_signer(keys / "ec.pem", keys / "ec.pem")
-    with pytest.raises(InputError, match=r"expected an X.509 certificate"):
-        read_signer(keys / "ec.key", keys / "ec.key")
-    with pytest.raises(InputError, match="the key is encrypted"):
-        read_signer(keys / "locked.key", keys / "locked.pem")
-    with pytest.raises(InputError, match="the password is wrong"):
-        read_signer(keys / "locked.key", keys / "locked.pem", password="guess")
+    refuses("the certificate does not belong to the key", read_signer, keys / "ec.key", keys / "other.pem")
+    refuses("expected a private key", read_signer, keys / "ec.pem", keys / "ec.pem")
+    refuses(r"expected an X.509 certificate", read_signer, keys / "ec.key", keys / "ec.key")
+    refuses("the key is encrypted", read_signer, keys / "locked.key", keys / "locked.pem")
+    refuses("the password is wrong", read_signer, keys / "locked.key", keys / "locked.pem", password="guess")
     assert (is_encrypted(keys / "locked.key"), is_encrypted(keys / "ec.key")) == (True, False)
     unlocked = read_signer(keys / "locked.key", keys / "locked.pem", password="secret")
     assert unlocked.certificate.subject == named("Example Laboratory")
     small = rsa.generate_private_key(65537, 1024)
     write(tmp_path, "small", small, certified(small))
-    with pytest.raises(
-        InputError, match="the key has 1024 bits, fewer than 2048.*an elliptic curve of 256 bits or more"
-    ):
-        signer(tmp_path, "small")
+    refuses("the key has 1024 bits, fewer than 2048.*an elliptic curve of 256 bits or more", signer, tmp_path, "small")
     edwards = ed25519.Ed25519PrivateKey.generate()
     write(tmp_path, "edwards", edwards, certified(edwards, digest=None))
-    with pytest.raises(InputError, match="expected a key for RSA or an elliptic curve"):
-        signer(tmp_path, "edwards")
+    refuses("expected a key for RSA or an elliptic curve", signer, tmp_path, "edwards")
 
 
 def test_without_the_package_the_message_says_how_to_get_it(signed, keys, monkeypatch):
@@ -298,8 +285,7 @@ def test_without_the_package_the_message_says_how_to_get_it(signed, keys, monkey
 def test_a_short_curve_signs_nothing(tmp_path):
     short = ec.generate_private_key(ec.SECP224R1())
     write(tmp_path, "short", short, certified(short))
-    with pytest.raises(InputError, match="224 bits, fewer than 256"):
-        signer(tmp_path, "short")
+    refuses("224 bits, fewer than 256", signer, tmp_path, "short")
 
 
 # XAdES ---------------------------------------------------------------------------------------------------------------

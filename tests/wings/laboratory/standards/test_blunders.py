@@ -1,7 +1,5 @@
 """Points and groups that are alone in the wrong: told if they are, and seldom of points whose noise is equal."""
 
-from __future__ import annotations
-
 import datetime
 from dataclasses import replace
 

@@ -1,17 +1,14 @@
 """Names and titles claim no verdict and no other standard; those of arms and procedures are taken."""
 
-from __future__ import annotations
-
 import pytest
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.laboratory.standards.specification import check_no_verdict, named_standards
 
 
 @pytest.mark.parametrize("text", ["Arm A: conform", "PASSED", "certified arm", "complies with its data", "meets all"])
 def test_a_verdict_in_a_name_is_refused(text):
-    with pytest.raises(InputError, match="leave the verdict out"):
-        check_no_verdict(text)
+    refuses("leave the verdict out", check_no_verdict, text)
 
 
 @pytest.mark.parametrize("text", ["Compass 75", "Conformat 2", "bypass valve arm", "Meeting room arm", "UR10e"])

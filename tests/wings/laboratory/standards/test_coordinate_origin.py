@@ -1,12 +1,11 @@
 """Where coordinates come from: stated by every row alike, or refused; a model is named with its hash."""
 
-from __future__ import annotations
-
 import datetime
 
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.laboratory.standards.artefacts import example_artefacts
 from truearm.wings.laboratory.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
@@ -72,8 +71,7 @@ def test_without_the_columns_the_origin_is_not_stated(tmp_path):
     ],
 )  # fmt: skip
 def test_mixed_unknown_and_incomplete_origins_are_refused_with_their_lines(tmp_path, tails, said):
-    with pytest.raises(InputError, match=said):
-        read_points(points(tmp_path, *tails))
+    refuses(said, read_points, points(tmp_path, *tails))
 
 
 @pytest.fixture

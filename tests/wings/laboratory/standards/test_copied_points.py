@@ -1,7 +1,5 @@
 """Copies of measurements are found wherever they were moved, and noise is never taken for one."""
 
-from __future__ import annotations
-
 import datetime
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The decision and the uncertainty of the test value: the guide's own example, limits, and another program."""
 
-from __future__ import annotations
-
 from math import inf, sqrt
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.laboratory.standards.decision import (
     COVERAGE_PROBABILITY,
     DECISION_RULES,
@@ -215,14 +213,12 @@ def test_simple_acceptance_decides_as_iso_14253_wherever_that_decides(value, unc
     ],
 )
 def test_what_cannot_be_decided_is_refused(value, uncertainty, limit, phrase):
-    with pytest.raises(InputError, match=phrase):
-        decide(value, uncertainty, limit)
+    refuses(phrase, decide, value, uncertainty, limit)
 
 
 @pytest.mark.parametrize(("u", "dof", "phrase"), [(-1.0, 5, "0 or more"), (np.nan, 5, "0 or more"), (1, 0, "positive")])
 def test_bad_contributions_are_refused(u, dof, phrase):
-    with pytest.raises(InputError, match=phrase):
-        Contribution("thermal", u, dof)
+    refuses(phrase, Contribution, "thermal", u, dof)
 
 
 def row(value, limit, u=0.001) -> ConformityResult:

@@ -1,7 +1,5 @@
 """Two bars of the same nominal length exchanged: noticed by their serial numbers, or by what their lengths fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where artefacts stand and are touched: as many as planned, within reach, as asked for."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 
@@ -10,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.laboratory.standards.artefacts import Artefacts, example_artefacts
 from truearm.wings.laboratory.standards.layout import lay_out_tests, select_lengths
@@ -128,10 +127,7 @@ def least_apart(layout, test, step_mm=None):
             at = one.at if step_mm is None else step_mm * (one.at / step_mm).round()
             ends.setdefault((one.keys["length"], one.keys["position"]), []).append(at)
     apart = [
-        min(
-            max(np.linalg.norm(a - c), np.linalg.norm(b - d)),
-            max(np.linalg.norm(a - d), np.linalg.norm(b - c)),
-        )
+        min(max(np.linalg.norm(a - c), np.linalg.norm(b - d)), max(np.linalg.norm(a - d), np.linalg.norm(b - c)))
         for (length, at), (a, b) in ends.items()
         for (other, there), (c, d) in ends.items()
         if length == other and at < there
@@ -297,9 +293,7 @@ def without(kind, **changes):
     ],
 )
 def test_artefacts_that_do_not_serve_are_refused(plan, artefacts, problem):
-    with pytest.raises(InputError, match=problem) as refused:
-        lay_out_tests(load_verification_plan(plan), artefacts, RANGE)
-    assert refused.value.hint
+    assert refuses(problem, lay_out_tests, load_verification_plan(plan), artefacts, RANGE).hint
 
 
 def test_a_length_without_a_position_is_refused():
@@ -307,18 +301,15 @@ def test_a_length_without_a_position_is_refused():
     with pytest.raises(InputError, match="has no position before an arm with a reach of 900 mm"):
         lay_out_tests(plan, example_artefacts(RANGE), 1800.0)
     plan = edited("asme-b89.4.22", volumetric={"lengths": 1, "positions": 1000})
-    with pytest.raises(
-        InputError, match=r"has \d+ positions 30 mm apart .* 1000 mm, the plan asks for 1000"
-    ) as refused:
-        lay_out_tests(plan, bar_of(1500.0), 2000.0)
-    assert "reduce the positions" in refused.value.hint
-    with pytest.raises(InputError, match="positive measuring range"):
-        lay_out_tests(plan, example_artefacts(RANGE), float("nan"))
+    refused = refuses(
+        r"has \d+ positions 30 mm apart .* 1000 mm, the plan asks for 1000", lay_out_tests, plan, bar_of(1500.0), 2000.0
+    )
+    assert "reduce the positions" in refused.hint
+    refuses("positive measuring range", lay_out_tests, plan, example_artefacts(RANGE), float("nan"))
     nothing = edited(
         "asme-b89.4.22", **{test: {"required": False} for test in ("effective_diameter", "single_point", "volumetric")}
     )
-    with pytest.raises(InputError, match="requires no test"):
-        lay_out_tests(nothing, example_artefacts(RANGE), RANGE)
+    refuses("requires no test", lay_out_tests, nothing, example_artefacts(RANGE), RANGE)
 
 
 def test_groups_from_memory_are_checked():
@@ -330,5 +321,4 @@ def test_groups_from_memory_are_checked():
         ("probing", PointGroup("ball", group.keys, group.points[:0], 20.0, 0.0, group.date), "finite points"),
         ("probing", PointGroup("ball", group.keys, group.points * np.nan, 20.0, 0.0, group.date), "finite points"),
     ):
-        with pytest.raises(InputError, match=problem):
-            MeasuredPoints.of([(test, changed)])
+        refuses(problem, MeasuredPoints.of, [(test, changed)])

@@ -1,7 +1,5 @@
 """Sizes of lengths in shares of the measuring range: each bound of a plan is checked, and is met by itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

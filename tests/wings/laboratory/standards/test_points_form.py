@@ -1,13 +1,12 @@
 """Laws of the points to fill in: every planned point once, filled in order, all or none."""
 
-from __future__ import annotations
-
 import csv
 import datetime
 
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.laboratory.standards.artefacts import example_artefacts
 from truearm.wings.laboratory.standards.layout import lay_out_tests
@@ -87,10 +86,9 @@ def test_a_session_of_two_days_fills_the_rest_with_its_own_day(form, planned):
 @pytest.mark.parametrize("lost", [12, 40, 80])
 def test_the_missing_point_is_named(form, planned, lost):
     before = form.read_bytes()
-    with pytest.raises(InputError) as caught:
-        fill_points_form(form, np.delete(planned, lost, axis=0), day=DAY)
-    assert f"expected {len(planned)} readings" in str(caught.value)
-    found = caught.value.line - 2
+    caught = refuses(None, fill_points_form, form, np.delete(planned, lost, axis=0), day=DAY)
+    assert f"expected {len(planned)} readings" in str(caught)
+    found = caught.line - 2
     # Points of one seat are one place: which of them is missing, no distance tells.
     assert np.linalg.norm(planned[found] - planned[lost]) < 1e-6
     assert form.read_bytes() == before
@@ -98,18 +96,14 @@ def test_the_missing_point_is_named(form, planned, lost):
 
 def test_a_reading_too_many_is_named(form, planned):
     twice = np.insert(planned, 30, planned[30] + 0.02, axis=0)
-    with pytest.raises(InputError, match=r"reading 3[12] is likely one too many"):
-        fill_points_form(form, twice, day=DAY)
+    refuses(r"reading 3[12] is likely one too many", fill_points_form, form, twice, day=DAY)
 
 
 def test_points_in_reverse_order_or_shifted_by_one_are_refused(form, planned):
     before = form.read_bytes()
-    with pytest.raises(InputError, match="is not at its place in the plan"):
-        fill_points_form(form, planned[::-1], day=DAY)
+    refuses("is not at its place in the plan", fill_points_form, form, planned[::-1], day=DAY)
     shifted = np.insert(np.delete(planned, 12, axis=0), 90, planned[90], axis=0)  # one missed, another taken twice
-    with pytest.raises(InputError, match="is not at its place in the plan") as caught:
-        fill_points_form(form, shifted, day=DAY)
-    assert 12 + 2 <= caught.value.line <= 90 + 2
+    assert 12 + 2 <= refuses("is not at its place in the plan", fill_points_form, form, shifted, day=DAY).line <= 90 + 2
     assert form.read_bytes() == before
 
 
@@ -150,24 +144,20 @@ def test_a_form_saved_with_semicolons_and_decimal_commas_is_filled_alike(form, p
 
 
 def test_far_too_few_readings_are_counted_only(form, planned):
-    with pytest.raises(InputError, match=f"expected {len(planned)} readings .* got 5") as caught:
-        fill_points_form(form, planned[:5], day=DAY)
-    assert "likely" not in str(caught.value)
+    caught = refuses(f"expected {len(planned)} readings .* got 5", fill_points_form, form, planned[:5], day=DAY)
+    assert "likely" not in str(caught)
 
 
 def test_a_filled_form_is_not_filled_again(form, planned):
     fill_points_form(form, planned, day=DAY, artefact_degC=20.0)
-    with pytest.raises(InputError, match="all points have coordinates already"):
-        fill_points_form(form, planned, day=DAY)
+    refuses("all points have coordinates already", fill_points_form, form, planned, day=DAY)
 
 
 def test_a_form_without_the_temperature_that_its_tests_need_is_not_filled(form, planned, layout):
     before = form.read_text(encoding="utf-8")
     needing = dict.fromkeys(one.test for one in layout if one.test in SIZE_TESTS)
     said = rf"temperature of the artefacts is missing in \d+ rows .*\({', '.join(needing)}\).*--artefact-temperature"
-    with pytest.raises(InputError, match=said) as caught:
-        fill_points_form(form, planned, day=DAY)
-    assert caught.value.column == "artefact_degC"
+    assert refuses(said, fill_points_form, form, planned, day=DAY).column == "artefact_degC"
     assert form.read_text(encoding="utf-8") == before
     # Filled in elsewhere, without temperatures: what is missing is not a new form.
     fill_points_form(form, planned, day=DAY, artefact_degC=21.25)
@@ -190,17 +180,13 @@ def test_temperatures_typed_into_a_form_suffice(form, planned):
 def test_a_point_on_a_surface_needs_the_diameter_of_the_tip(layout, planned, tmp_path):
     path = tmp_path / "points.csv"
     write_points_form(layout, path)
-    with pytest.raises(InputError, match=r"tip_diameter_mm.*the diameter of the tip is missing"):
-        fill_points_form(path, planned, day=DAY)
+    refuses(r"tip_diameter_mm.*the diameter of the tip is missing", fill_points_form, path, planned, day=DAY)
 
 
 def test_a_form_overwrites_no_points(form, layout):
-    with pytest.raises(InputError, match="the file exists already"):
-        write_points_form(layout, form)
-    with pytest.raises(InputError, match=r"ends in \.csv"):
-        write_points_form(layout, form.with_suffix(".txt"))
-    with pytest.raises(InputError, match="stylus tip"):
-        write_points_form(layout, form.with_name("new.csv"), tip_diameter_mm=500)
+    refuses("the file exists already", write_points_form, layout, form)
+    refuses(r"ends in \.csv", write_points_form, layout, form.with_suffix(".txt"))
+    refuses("stylus tip", write_points_form, layout, form.with_name("new.csv"), tip_diameter_mm=500)
 
 
 @pytest.mark.parametrize(
@@ -214,11 +200,9 @@ def test_a_form_overwrites_no_points(form, layout):
 )
 def test_a_file_that_is_no_form_is_refused(form, change, message):
     form.write_text(change(form.read_text(encoding="utf-8")), encoding="utf-8")
-    with pytest.raises(InputError, match=message):
-        read_planned_points(form)
+    refuses(message, read_planned_points, form)
 
 
 @pytest.mark.parametrize("options", [{"artefact_degC": 68.0}, {"day": datetime.date(2999, 1, 1)}])
 def test_an_implausible_day_or_temperature_is_refused(form, planned, options):
-    with pytest.raises(InputError):
-        fill_points_form(form, planned, **{"day": DAY, **options})
+    refuses(None, fill_points_form, form, planned, **{"day": DAY, **options})

@@ -1,7 +1,5 @@
 """The uncertainty of test values: closed forms, refitted shapes, and how often it holds what set-ups did."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import binom

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.identification.estimation.residual_variance import few_readings_factor
 from truearm.identification.judgement.repeating_residuals import JOINT_VARIANCE_SHARE, ORDER, JointProcess
 from truearm.identification.references.references import Points
@@ -183,14 +183,11 @@ def test_a_measured_repeatability_replaces_the_scatter(model):
 
 @pytest.mark.parametrize("repeatability", [-0.001, np.nan, np.inf, 1.0])
 def test_an_impossible_repeatability_is_refused(model, repeatability):
-    with pytest.raises(InputError, match="repeatability"):
-        PosteriorDistribution(model, repeatability)
+    refuses("repeatability", PosteriorDistribution, model, repeatability)
 
 
 def test_a_network_is_refused_with_what_to_do():
-    with pytest.raises(InputError, match="network") as caught:
-        PosteriorDistribution(NetworkModel(ARM))
-    assert "kinematic or physical" in caught.value.hint
+    assert "kinematic or physical" in refuses("network", PosteriorDistribution, NetworkModel(ARM)).hint
 
 
 # The field ------------------------------------------------------------------------------------------------------------

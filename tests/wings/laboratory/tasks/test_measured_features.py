@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import t as student_t
 
 import truearm as ta
+from refusals import refuses
 from truearm.command_line import run
-from truearm.errors import InputError
 from truearm.identification.terms import directions
 from truearm.readings.session import Session
 from truearm.wings.laboratory.shapes.plane import fit_plane
@@ -231,8 +231,7 @@ def test_the_conditions_of_the_readings_count(model, touch, virtual):
 def test_two_set_ups_have_no_frame_in_common(model, ball):
     half = len(ball) // 2
     both = replace(ball, session=np.array(["mon"] * half + ["tue"] * (len(ball) - half)))
-    with pytest.raises(InputError, match="expected the readings of one session, got those of 2: mon, tue"):
-        ta.measure(model, both)
+    refuses("expected the readings of one session, got those of 2: mon, tue", ta.measure, model, both)
     alone = ta.measure(model, replace(ball, session=np.array(["mon"] * len(ball))), n_arms=100)
     plain = ta.measure(model, ball, n_arms=100)
     values = [[quantity.value for quantity in one.features[0].quantities] for one in (alone, plain)]
@@ -240,14 +239,12 @@ def test_two_set_ups_have_no_frame_in_common(model, ball):
 
 
 def test_a_stylus_tip_larger_than_the_ball_is_refused(model, ball):
-    with pytest.raises(InputError, match="the stylus tip of 5000 mm is larger than the sphere"):
-        ta.measure(model, ball, tip_diameter_mm=5000.0)
+    refuses("the stylus tip of 5000 mm is larger than the sphere", ta.measure, model, ball, tip_diameter_mm=5000.0)
 
 
 @pytest.mark.parametrize("kind", ["plane", "cone"])
 def test_a_stylus_tip_that_would_change_nothing_is_refused(model, ball, kind):
-    with pytest.raises(InputError, match="distances of two faces of a block are larger by it"):
-        ta.measure(model, ball, kind, tip_diameter_mm=6.0)
+    refuses("distances of two faces of a block are larger by it", ta.measure, model, ball, kind, tip_diameter_mm=6.0)
 
 
 def test_two_balls_give_the_distance_of_their_centres(model, touch, virtual):
@@ -293,21 +290,18 @@ def test_more_readings_without_a_name_are_said(model, touch, virtual):
     ],
 )
 def test_what_does_not_fit_is_refused(model, ball, options, message):
-    with pytest.raises(InputError, match=message):
-        ta.measure(model, ball, **({"n_arms": 100} | options))
+    refuses(message, ta.measure, model, ball, **({"n_arms": 100} | options))
 
 
 def test_too_few_readings_of_a_feature_are_refused_by_name(model, ball):
     four = replace(ball.rows(np.arange(4)), seat=np.array(["ball"] * 4))
-    with pytest.raises(InputError, match="expected 5 readings or more of the sphere 'ball', got 4"):
-        ta.measure(model, four)
+    refuses("expected 5 readings or more of the sphere 'ball', got 4", ta.measure, model, four)
 
 
 def test_a_network_does_not_know_how_errors_of_points_correlate(ball):
     train = ta.simulate("gao2017", poses=40, seed=1).session
     network = ta.NetworkModel(ta.load_arm("gao2017"), hidden=(3,), epochs=3, free=()).fit_readings(train)
-    with pytest.raises(InputError, match="has no terms with a posterior"):
-        ta.measure(network, ball)
+    refuses("has no terms with a posterior", ta.measure, network, ball)
 
 
 def to_nine_digits(text):
@@ -330,5 +324,4 @@ def test_both_doors_say_the_same(model, ball, tmp_path, capsys):
         else:
             assert told.strip() == str(record)
     assert "Sphere: diameter 25.0" in str(record).splitlines()[0]
-    with pytest.raises(InputError, match=r"ball\.csv: expected the readings of two ends"):
-        ta.measure(model, tmp_path / "ball.csv", "length")
+    refuses(r"ball\.csv: expected the readings of two ends", ta.measure, model, tmp_path / "ball.csv", "length")

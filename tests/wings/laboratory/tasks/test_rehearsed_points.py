@@ -1,12 +1,10 @@
 """A rehearsed verification: a perfect arm finds its artefacts, whatever the tip of its stylus."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.laboratory.standards.artefacts import Artefacts, example_artefacts
 from truearm.wings.laboratory.standards.points_form import fill_points_form
 from truearm.wings.laboratory.standards.specification import example_specification
@@ -62,5 +60,4 @@ def test_a_perfect_arm_finds_the_artefacts_through_the_tip_of_its_stylus(plan, a
 
 def test_an_artefact_without_certificate_is_refused(perfect, artefacts):
     none = Artefacts(spheres=artefacts.spheres, bars=(), seats=artefacts.seats)
-    with pytest.raises(InputError, match="the file of artefacts has no"):
-        ta.rehearse("measuring7", perfect[0], artefacts=none, preset="perfect")
+    refuses("the file of artefacts has no", ta.rehearse, "measuring7", perfect[0], artefacts=none, preset="perfect")

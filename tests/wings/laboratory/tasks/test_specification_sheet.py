@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_sphere
@@ -139,13 +140,11 @@ def test_arms_at_their_limit_err_by_as_much_more_as_their_worst_result_was_below
 
 
 def test_a_sheet_without_limits_is_refused():
-    with pytest.raises(InputError, match="states no limit"):
-        SpecificationDistribution(ARM, sheet({}))
+    refuses("states no limit", SpecificationDistribution, ARM, sheet({}))
 
 
 def test_an_arm_of_another_size_is_refused():
     with pytest.raises(InputError, match="far larger than half the measuring range") as caught:
         SpecificationDistribution(ARM, sheet(ISO, range_mm=800.0))
     assert "--arm" in caught.value.hint
-    with pytest.raises(InputError, match="does not reach"):
-        SpecificationDistribution(ARM, sheet(ISO, range_mm=4500.0))
+    refuses("does not reach", SpecificationDistribution, ARM, sheet(ISO, range_mm=4500.0))

@@ -1,7 +1,5 @@
 """A standard's test taken by virtual arms: poses that touch its points, and results that follow from the errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -11,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
+from refusals import refuses
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
 from truearm.wings.laboratory.standards.artefacts import Artefacts, example_artefacts
@@ -141,24 +140,22 @@ def test_poses_are_those_of_the_seed():
 
 def test_what_is_not_reached_is_named():
     far = lay_out_tests(load_verification_plan("iso10360-12"), example_artefacts(4000.0), 4000.0)
-    with pytest.raises(InputError) as refused:
-        pose(far, ARM, seed=0)
+    refused = refuses(None, pose, far, ARM, seed=0)
     links = "beyond the arm's links"
     beyond = sum(np.linalg.norm(one.points - [0, 0, 320], axis=1).max() > 1290 for one in far if one.test == "uni")
-    assert refused.value.problem.endswith(
+    assert refused.problem.endswith(
         f"does not reach {50 + beyond} of 310 points: probing, position 2: {links} (25 x); "
         f"articulation, position 2: {links} (25 x); uni, all 7 positions: {links} ({beyond} x)"
     )
-    assert "1291 mm" in refused.value.hint
-    assert "a plan of your own (truearm verify plan) without these places" in refused.value.hint
+    assert "1291 mm" in refused.hint
+    assert "a plan of your own (truearm verify plan) without these places" in refused.hint
     # Within the length of the links, but stretched out to the last and touched from beyond.
     stretched = next(one for one in far if one.test == "uni")
     out = np.array([1.0, 0.0, 0.0])
     beyond = replace(
         stretched, points=np.array([[1280.0, 0.0, 320.0]]), at=np.array([1280.0, 0.0, 320.0]), approach=out[None]
     )
-    with pytest.raises(InputError, match=r"does not reach 1 of 1 points: uni, .*: target"):
-        pose([beyond], ARM, seed=0)
+    refuses(r"does not reach 1 of 1 points: uni, .*: target", pose, [beyond], ARM, seed=0)
     seat = next(one for one in far if one.test == "probing")
     seat = replace(seat, test="single_point", at=seat.at * 0.01, points=seat.points[:2] * 0.01)
     with pytest.raises(InputError, match="does not reach 2 of 3 points: single_point, position 1: too few postures"):
@@ -169,9 +166,8 @@ def test_lengths_and_groups_are_named_where_others_of_them_are_reached():
     layout = [one for one in posed().placements if one.test != "probing"]
     far = {("length", "1700"), ("group", "C")}
     away = [replace(one, points=one.points + [3000.0, 0, 0]) if far & set(one.keys.items()) else one for one in layout]
-    with pytest.raises(InputError) as refused:
-        pose(away, ARM, seed=0)
-    assert refused.value.problem.endswith(
+    refused = refuses(None, pose, away, ARM, seed=0)
+    assert refused.problem.endswith(
         "articulation, all 2 positions, group C: beyond the arm's links (10 x); "
         "uni, all 7 positions, length 1700: beyond the arm's links (42 x)"
     )
@@ -322,5 +318,4 @@ def test_an_arm_that_errs_beyond_measure_is_refused():
     with pytest.raises(InputError, match=r"virtual arm 1: test 'uni', .*measured 159 mm, .* of 'bar' is 150 mm") as no:
         taken(MadeUp(lambda tips: 0.06 * tips * [0, 1, 0]))
     assert "smaller errors" in no.value.hint
-    with pytest.raises(InputError, match="expected 1 to 100000 virtual arms, got 0"):
-        taken(MadeUp(), n_arms=0)
+    refuses("expected 1 to 100000 virtual arms, got 0", taken, MadeUp(), n_arms=0)

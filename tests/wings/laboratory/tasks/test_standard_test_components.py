@@ -7,8 +7,6 @@ the rest, are the table's: its rows for 5 and 50 arcsec of the same error are in
 lengths, where no error so small leaves the ratio 1 : 10.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -24,10 +22,7 @@ from truearm.wings.planning.virtual import Preset
 TRIALS, SEATS, POSES = 300, 3, 10
 LOW, HIGH = (300.0, -600.0, 0.0), (900.0, 600.0, 600.0)  # of the seats [mm]
 A, D = np.array([0, 62, 0, 62, 0, 0.0]), np.array([376.5, 0, 650, 0, 500, 15.0])
-ARM = Arm(
-    "table",
-    chain_from_dh(a=A, d=D, alpha=np.radians([-90, -90, 90, -90, 90, -90]), tip_in_flange=(0, 0, 150)),
-)
+ARM = Arm("table", chain_from_dh(a=A, d=D, alpha=np.radians([-90, -90, 90, -90, 90, -90]), tip_in_flange=(0, 0, 150)))
 # The table states amplitudes of harmonics with a random phase; a preset has standard deviations of cosine and sine.
 EACH = 1 / np.sqrt(2)
 ECCENTRICITY_UM = 60 / 412.5  # of one arcsec at a grating of 60 mm

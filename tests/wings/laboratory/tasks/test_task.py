@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from refusals import refuses
 from truearm.arm.arm import Arm
 from truearm.arm.catalogue import load_arm
-from truearm.errors import InputError
 from truearm.wings.laboratory.pages.task_page import task_scene
 from truearm.wings.laboratory.tasks import features
 from truearm.wings.laboratory.tasks.estimate import SHORTEST, Estimate, shortest_interval
@@ -230,8 +230,7 @@ def test_an_arm_without_errors_is_fit_for_every_tolerance():
 
 @pytest.mark.parametrize("tolerance", [0.0, -0.1, np.nan, np.inf])
 def test_a_tolerance_that_is_not_positive_is_refused(tolerance):
-    with pytest.raises(InputError, match="tolerance above zero"):
-        fitness(estimate([0.0, 1.0]), tolerance)
+    refuses("tolerance above zero", fitness, estimate([0.0, 1.0]), tolerance)
 
 
 @pytest.mark.parametrize(
@@ -249,5 +248,4 @@ def test_the_advice_names_the_part_that_dominates(known, said):
 
 @pytest.mark.parametrize(("n_arms", "seed"), [(99, 0), (100_001, 0), (100, -1)])
 def test_numbers_out_of_bounds_are_refused(n_arms, seed):
-    with pytest.raises(InputError):
-        simulate_measurements(KNOWN, features.length_at(MIDDLE, ACROSS, 500.0), n_arms=n_arms, seed=seed)
+    refuses(None, simulate_measurements, KNOWN, features.length_at(MIDDLE, ACROSS, 500.0), n_arms=n_arms, seed=seed)

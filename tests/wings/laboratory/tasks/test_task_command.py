@@ -7,9 +7,9 @@ from contextlib import contextmanager
 import pytest
 
 from command_line import called
+from refusals import refuses
 from truearm.arm.catalogue import load_arm
 from truearm.command_line import run
-from truearm.errors import InputError
 from truearm.models import KinematicModel, NominalModel
 from truearm.wings.laboratory.verbs import task_command as command
 from truearm.wings.laboratory.verbs.task_command import CODES
@@ -173,8 +173,7 @@ def test_a_page_of_a_form(tmp_path):
     ],
 )
 def test_options_that_do_not_fit_are_refused(args, options, said):
-    with pytest.raises(InputError, match=said):
-        ran(*args, **options)
+    refuses(said, ran, *args, **options)
 
 
 @pytest.mark.parametrize(
@@ -218,18 +217,15 @@ def test_the_bar_shows_through_all_of_it(monkeypatch, tmp_path, capsys):
 
 
 def test_a_page_must_have_a_page_s_name_and_be_none_of_the_files_read(tmp_path):
-    with pytest.raises(InputError, match="ends in .html"):
-        ran("shop", length=300.0, page=tmp_path / "page.pdf")
+    refuses("ends in .html", ran, "shop", length=300.0, page=tmp_path / "page.pdf")
     sheet = tmp_path / "sheet.html"
     sheet.write_text(SHEET)
-    with pytest.raises(InputError, match="is an input file"):
-        ran(mpe=sheet, length=300.0, page=sheet)
+    refuses("is an input file", ran, mpe=sheet, length=300.0, page=sheet)
     assert sheet.read_text() == SHEET
 
 
 def test_a_model_has_its_own_arm(model_file):
-    with pytest.raises(InputError, match="a nominal arm is for a preset"):
-        ran(str(model_file), length=300.0, arm="gao2017")
+    refuses("a nominal arm is for a preset", ran, str(model_file), length=300.0, arm="gao2017")
 
 
 def test_a_nominal_model_has_a_task_uncertainty_too(capsys, tmp_path):

@@ -1,11 +1,9 @@
 """docs/task-uncertainty.md: its transcript is what the command prints, numbers apart."""
 
 import re
-from pathlib import Path
 
 from command_line import called
-
-DOCS = Path(__file__).parents[4] / "docs"
+from page_transcripts import block, blocks
 
 
 def masked(text):
@@ -14,13 +12,10 @@ def masked(text):
 
 
 def test_the_transcript_is_what_is_printed(tmp_path, capsys):
-    page = (DOCS / "task-uncertainty.md").read_text()
-    limits = re.search(r"```toml mpe\n(.*?)```", (DOCS / "verification.md").read_text(), re.DOTALL)[1]
-    (tmp_path / "mpe.toml").write_text(limits)
-    command, transcript = re.search(
-        r"```console\n\$ truearm (task --mpe mpe.toml .*?)\n(.*?)```", page, re.DOTALL
-    ).groups()
-    assert command == "task --mpe mpe.toml --feature length --length 500 --at 600,0,300 --tolerance 0.08"
+    (tmp_path / "mpe.toml").write_text(block("verification.md", "toml mpe"))
+    shown = [text.partition("\n") for text in blocks("task-uncertainty.md", "console")]
+    command, _, transcript = next(one for one in shown if "--mpe mpe.toml" in one[0])
+    assert command == "$ truearm task --mpe mpe.toml --feature length --length 500 --at 600,0,300 --tolerance 0.08"
     code = called("task", mpe=tmp_path / "mpe.toml", length=500.0, at="600,0,300", tolerance=0.08, arms=100)
     printed = masked(capsys.readouterr().out)
     beginning, end = (masked(part) for part in transcript.split("...\n"))

@@ -1,16 +1,14 @@
 """Circle point analysis: circles of hand, derivatives, planted arms within their stated uncertainty, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import Arm, load_arm, read_arm, write_arm
 from truearm.arm.chain import Chain
 from truearm.arm.nearest_table import nearest_table
-from truearm.errors import InputError
 from truearm.wings.planning.arm_from_circles import constants_of
 from truearm.wings.planning.circles.axes import Axes
 from truearm.wings.planning.circles.joint_circles import direction_std, joint_circles
@@ -20,8 +18,7 @@ planted, standardized, swept = circles.planted, circles.standardized, circles.sw
 
 
 @pytest.mark.parametrize(
-    ("name", "convention"),
-    [("ur10", "dh"), ("panda", "mdh"), ("gao2017", "dh"), ("measuring7", "mdh"), ("wam", "dh")],
+    ("name", "convention"), [("ur10", "dh"), ("panda", "mdh"), ("gao2017", "dh"), ("measuring7", "mdh"), ("wam", "dh")]
 )
 def test_constants_are_those_planted_within_their_uncertainty(name, convention):
     found = []
@@ -128,10 +125,9 @@ def circles():
 
 
 def refused(session, match, **options):
-    with pytest.raises(InputError, match=match) as caught:
-        ta.arm_from_circles(session, **options)
-    assert caught.value.hint
-    return caught.value
+    caught = refuses(match, ta.arm_from_circles, session, **options)
+    assert caught.hint
+    return caught
 
 
 def marked(session, joint, tmp_path):
@@ -281,8 +277,7 @@ def test_a_plan_says_its_radii(tmp_path):
     assert "FILE" not in str(planned)
     assert planned.to_dict()["turns_deg"][0] == -30.0
     assert f"the target {planned.radius_needed(2.0):.0f} mm or more" in (tmp_path / "circles.csv").read_text("utf-8")
-    with pytest.raises(InputError, match="uncertainty of a coordinate"):
-        ta.plan_circles(5, noise_mm=0.0)
+    refuses("uncertainty of a coordinate", ta.plan_circles, 5, noise_mm=0.0)
 
 
 def test_an_arc_that_is_too_short_for_its_noise_is_named(circles):
@@ -314,8 +309,7 @@ def test_a_gain_is_said_and_an_implausible_one_refused(gain, is_refused):
 
 
 def test_points_are_needed(circles):
-    with pytest.raises(InputError, match="points of circles"):
-        ta.arm_from_circles(ta.Session(circles[1].angles))
+    refuses("points of circles", ta.arm_from_circles, ta.Session(circles[1].angles))
 
 
 def test_constants_near_round_values_are_named_and_kept():

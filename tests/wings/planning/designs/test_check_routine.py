@@ -1,12 +1,10 @@
 """The routine of an interim check: its artefacts keep their places, and its file is one that `check` takes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm import load_arm
-from truearm.errors import InputError
 from truearm.readings import read_lengths
 from truearm.wings.planning.designs.check_routine import check_routine
 from truearm.wings.planning.designs.planned_readings import read_planned
@@ -48,8 +46,7 @@ def test_the_file_comes_back_and_the_length_with_it(routine, tmp_path):
     assert planned.seat.tolist() == routine.seat.tolist()
     assert planned.sphere.tolist() == routine.sphere.tolist()
     assert read_lengths(files[1], seats=["bar A", "bar B"]).length_mm.tolist() == [400.0]
-    with pytest.raises(InputError, match="the file exists"):
-        routine.save(tmp_path / "check.csv")
+    refuses("the file exists", routine.save, tmp_path / "check.csv")
 
 
 def test_a_cone_alone_is_a_check(tmp_path):
@@ -62,5 +59,4 @@ def test_a_cone_alone_is_a_check(tmp_path):
     "options", [{"sphere_mm": -25.0}, pytest.param({"sphere_mm": 4000.0}, marks=pytest.mark.weekly), {"length_mm": 1e5}]
 )
 def test_sizes_that_no_arm_reaches_are_refused(options):
-    with pytest.raises(InputError):
-        check_routine(load_arm("gao2017"), **options)
+    refuses(None, check_routine, load_arm("gao2017"), **options)

@@ -1,7 +1,5 @@
 """Laws of plans that move little: no more uncertainty than allowed, no longer way, and every pose one that may be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.errors import InputError
+from refusals import refuses
 from truearm.wings.planning.designs.exchange import (
     STRATEGIES,
     DesignProblem,
@@ -309,8 +309,7 @@ def test_a_problem_is_checked():
     good = made_up()
     J, prior, target = good.factors, good.prior_precision, good.target
     for factors in (J[0], J[:0], np.where(J.max() == J, np.nan, J)):
-        with pytest.raises(InputError, match="factors"):
-            DesignProblem(factors, prior, target)
+        refuses("factors", DesignProblem, factors, prior, target)
     for bad, why in (
         (np.eye(4), "shape"),
         (np.full((5, 5), np.nan), "finite"),
@@ -318,20 +317,13 @@ def test_a_problem_is_checked():
         (np.zeros((5, 5)), "positive definite"),
         (-np.eye(5), "positive definite"),
     ):
-        with pytest.raises(InputError, match=f"prior.precision.*{why}"):
-            DesignProblem(J, bad, target)
-    with pytest.raises(InputError, match=r"target.*below zero"):
-        DesignProblem(J, prior, np.diag([1.0, 1, 1, 1, -1]))
+        refuses(f"prior.precision.*{why}", DesignProblem, J, bad, target)
+    refuses(r"target.*below zero", DesignProblem, J, prior, np.diag([1.0, 1, 1, 1, -1]))
 
 
 @pytest.mark.parametrize(
     ("options", "why"),
-    [
-        ({"strategy": "A-optimal"}, "expected a strategy among"),
-        ({"n": 0}, "1 to 12"),
-        ({"n": 13}, "1 to 12"),
-    ],
+    [({"strategy": "A-optimal"}, "expected a strategy among"), ({"n": 0}, "1 to 12"), ({"n": 13}, "1 to 12")],
 )
 def test_a_choice_is_checked(options, why):
-    with pytest.raises(InputError, match=why):
-        select_candidates(made_up(), **{"n": 2, **options})
+    refuses(why, select_candidates, made_up(), **{"n": 2, **options})

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm.catalogue import load_arm
-from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.catalogue import constants, own_axis
 from truearm.identification.terms.state import ArmState
@@ -142,11 +142,9 @@ def test_a_problem_is_checked(perturbed_chain, volume):
         ({"noise_mm": np.nan}, "positive noise"),
         ({"length_u_mm": 0.0}, "positive uncertainty"),
     ):
-        with pytest.raises(InputError, match=why):
-            problem(perturbed_chain, found, volume, **options)
+        refuses(why, problem, perturbed_chain, found, volume, **options)
     options = {"prior_precision": prior(perturbed_chain), "noise_mm": 1.0, "length_u_mm": 1.0}
-    with pytest.raises(InputError, match="4 readings"):
-        design_problem(perturbed_chain, found, state(found.angles[:2]), volume, **options)
+    refuses("4 readings", design_problem, perturbed_chain, found, state(found.angles[:2]), volume, **options)
 
 
 def test_a_trackers_candidates_need_no_length(perturbed_chain, volume):

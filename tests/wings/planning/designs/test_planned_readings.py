@@ -1,10 +1,9 @@
 """Laws of a plan read back: what was written comes back, and what is no plan of this arm is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.wings.planning.designs.candidates import Candidates, bar_places
@@ -63,8 +62,7 @@ def test_a_file_that_is_no_plan_is_refused(arm, tmp_path, text, message):
     heads = ",".join(f"note_q{joint}_deg" for joint in range(1, 7))
     path = tmp_path / "plan.csv"
     path.write_text(text.replace("HEADS", heads), encoding="utf-8")
-    with pytest.raises(InputError, match=message):
-        read_planned(path, arm)
+    refuses(message, read_planned, path, arm)
 
 
 def test_an_aim_beyond_a_limit_is_another_arm(tmp_path):

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from arms_of_each_build import ARMS
+from refusals import refuses
 from truearm.arm.arm import Arm
 from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
@@ -258,5 +259,4 @@ def with_a_slider():
     ],
 )
 def test_what_does_not_fit_is_refused(call, says):
-    with pytest.raises(InputError, match=says):
-        call()
+    refuses(says, call)

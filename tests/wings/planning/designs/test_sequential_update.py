@@ -1,7 +1,5 @@
 """The estimate after each reading: that of all readings at once, the planted arm, and what each pose would add."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

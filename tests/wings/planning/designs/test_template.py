@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_candidates import gantry
 
+from refusals import refuses
 from truearm.arm.catalogue import load_arm
-from truearm.errors import InputError
 from truearm.readings import read_lengths, read_session
 from truearm.wings.planning.designs.candidates import bar_places, seat_poses, tracker_poses
 from truearm.wings.planning.designs.sampling import Sector
@@ -54,8 +54,7 @@ def filled(path, out, **values):
 def test_an_empty_template_is_no_session(tmp_path, seats):
     for name, poses in (("seats", seats), ("tracker", tracker_poses(ARM, 3, seed=0))):
         write_template(ARM, poses, tmp_path / f"{name}.csv")
-        with pytest.raises(InputError, match="none of . rows has a number.*fill in what was measured"):
-            read_session(tmp_path / f"{name}.csv")
+        refuses("none of . rows has a number.*fill in what was measured", read_session, tmp_path / f"{name}.csv")
 
 
 def test_filled_in_it_is_the_session_of_the_plan(tmp_path, seats):

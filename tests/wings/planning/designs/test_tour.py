@@ -1,7 +1,5 @@
 """Laws of the order of poses: every pose once, no improvement left, near the shortest, and never far from it."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

@@ -4,8 +4,6 @@ It draws the errors of an arm from the documented streams of random numbers and 
 (matrices, tip), the preset's numbers and the state's are taken from the package.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

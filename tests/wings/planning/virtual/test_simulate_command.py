@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from command_line import called
+from refusals import refuses
 from truearm.arm.catalogue import load_arm
-from truearm.errors import InputError
 from truearm.readings import length_errors, read_lengths, read_session
 from truearm.wings.planning.virtual import PRESETS, VirtualArm
 
@@ -96,6 +96,5 @@ def test_the_box_can_be_narrowed(tmp_path):
 def test_wrong_options_leave_no_file(tmp_path, options, says):
     out = tmp_path / "session.csv"
     options = {name: tmp_path / value if name == "out_lengths" else value for name, value in options.items()}
-    with pytest.raises(InputError, match=says):
-        simulate("gao2017", out=out, **options)
+    refuses(says, simulate, "gao2017", out=out, **options)
     assert not list(tmp_path.iterdir())

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from refusals import refuses
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.identification.terms.thermal import link_temperatures
 from truearm.wings.planning.virtual import PRESETS, Preset, VirtualArm, load_preset, magnitudes
 from truearm.wings.planning.virtual.error_model import beam, eccentric_reading
@@ -338,8 +338,7 @@ def test_a_session_in_seats_has_its_tips_there_but_for_the_seats_scatter(researc
 
 
 def test_a_seat_out_of_reach_is_refused(research):
-    with pytest.raises(InputError, match=r"pose 1 does not reach its seat.*mm away"):
-        research.settle([research.nominal.working], [[9000.0, 0, 0]])
+    refuses(r"pose 1 does not reach its seat.*mm away", research.settle, [research.nominal.working], [[9000.0, 0, 0]])
 
 
 # --- what is refused ---
@@ -367,8 +366,7 @@ def test_a_seat_out_of_reach_is_refused(research):
     ],
 )
 def test_what_does_not_fit_is_refused(research, call, says):
-    with pytest.raises(InputError, match=says):
-        call(research)
+    refuses(says, call, research)
 
 
 # --- sliding joints ---

@@ -1,7 +1,5 @@
 """What hangs on a virtual arm, and where its weight pulls, are the arm's own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

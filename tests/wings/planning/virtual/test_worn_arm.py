@@ -1,16 +1,14 @@
 """Laws of the worn virtual arm: each kind of wear does what its formula says, and leaves the draws of the others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from refusals import refuses
 from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.errors import InputError
 from truearm.wings.planning.virtual import PRESETS, Preset, VirtualArm
 from truearm.wings.planning.virtual.error_model import (
     BASE,
@@ -170,5 +168,4 @@ def test_the_floor_knows_the_wear():
 
 @pytest.mark.parametrize("name", ["spot_width_deg", "gear_ratio", "slack_zone_Nm"])
 def test_widths_and_ratios_are_positive(name):
-    with pytest.raises(InputError, match=name):
-        Preset(**{name: 0.0})
+    refuses(name, Preset, **{name: 0.0})
