@@ -46,7 +46,7 @@ from truearm.typing import FloatArray, IntArray
 
 # References that compare the tips of readings; and three quarters of the root mean squares of three coordinates, or of
 # one, lie within this many standard deviations.
-COMPARED, OVER_STD = ("point", "seat", "distance"), 1.17
+COMPARED, OVER_STD = ("point", "pose", "seat", "distance"), 1.17
 # Standard uncertainties by which a model misses the readings of another arm at least, and the share of the nominal
 # arm's variance that it leaves of them: 0.6 to 3 of three other virtual UR10, 0.02 to 0.06 of the same arm; of printed
 # arms, whose weight bends all alike, 0.5 to 1 and 0.2.

@@ -197,7 +197,7 @@ def _training_size(model: Compensator) -> tuple[int, str] | None:
 
 def _frame_is_arbitrary(model: IdentifiedModel) -> bool:
     """Whether no reference in training determined the place of the arm's frame."""
-    return not {"point", "orientation"} & {reference.kind for reference in model.fit_.references}
+    return not {"point", "pose", "orientation"} & {reference.kind for reference in model.fit_.references}
 
 
 def _rms_std(covariance: FloatArray) -> float:

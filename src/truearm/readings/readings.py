@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from truearm.acceptance import contradict
 from truearm.errors import InputError
+from truearm.readings.pose_errors import PoseErrors
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 
 # Columns with one name a reading, in the order of the session file; the first of them name what the tip touched, or
@@ -183,6 +184,7 @@ class Readings(NamedRows):
     unfilled: tuple[str, ...] = ()
     n_repeats: IntArray | None = None
     repeat_std_mm: float = 0.0
+    pose_errors: PoseErrors | None = None
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -377,7 +379,8 @@ class Readings(NamedRows):
             f.name: getattr(self, f.name)[index] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)
         }
         columns = {name: values[index] for name, values in self.columns.items()}
-        return replace(self, **chosen, columns=columns)
+        errors = None if self.pose_errors is None else self.pose_errors.rows(index)
+        return replace(self, **chosen, columns=columns, pose_errors=errors)
 
 
 def _check_shared_uncertainties(readings: Readings) -> None:

@@ -131,6 +131,8 @@ def merge_repeats(readings: Kept) -> MergedReadings[Kept]:
     """
     n, pose, n_changed = len(readings), readings_of_one_pose(readings), 0
     group = _stated_alike(readings, pose)
+    if readings.pose_errors is not None:  # whose errors a mean of poses would not have
+        group = np.arange(n)
     if len(np.unique(group)) < n:
         # Readings at one pose without another pose between them are of one visit.
         visit = np.cumsum(np.diff(pose, prepend=pose[:1]) != 0)

@@ -127,6 +127,9 @@ class Session(Readings):
     repeat_std_mm : float
         Standard deviation by which a coordinate of one of them scatters about that mean, beyond its stated uncertainty
         [mm].
+    pose_errors : PoseErrors, optional
+        How points and quaternions err together, and what all readings share; they then are poses, each one measurement.
+        Not in a file.
 
     Raises
     ------

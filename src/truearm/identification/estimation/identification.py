@@ -398,6 +398,10 @@ def _artefact(problem: SmallMotionProblem, which: int, x: FloatArray) -> IntArra
     reference = problem.references[which]
     if not reference.unknowns:
         return np.zeros(len(reference.rows), dtype=np.intp)
-    tips = problem.perturbed_chain.tips(problem.state.rows(reference.rows), x[: problem.perturbed_chain.n_coefficients])
-    first = reference.linearised(tips.T, x[problem.unknowns_of(which)], slice(None)).unknown[0]
+    if reference.uses_orientation:
+        first = problem.linearised(x)[which].unknown[0]
+    else:
+        of_coefficients = x[: problem.perturbed_chain.n_coefficients]
+        tips = problem.perturbed_chain.tips(problem.state.rows(reference.rows), of_coefficients)
+        first = reference.linearised(tips.T, x[problem.unknowns_of(which)], slice(None)).unknown[0]
     return np.unique(first, return_inverse=True)[1].astype(np.intp)

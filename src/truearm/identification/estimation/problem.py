@@ -44,7 +44,7 @@ from truearm.typing import FloatArray, IntArray
 # its size: their residuals are relative to that size, since otherwise noise and arm would shrink together.
 RELATIVE = ("seat", "sphere", "plane", "line")
 # References in mm of an instrument: they determine the size of the arm.
-ABSOLUTE = ("point", "distance")
+ABSOLUTE = ("point", "distance", "pose")
 # Chunks are distributed to a fixed number of groups, so that the order of summation does not depend on the threads.
 GROUPS = 2
 # Readings that are transformed together: their weights are in memory.

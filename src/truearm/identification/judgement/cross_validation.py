@@ -61,7 +61,7 @@ ROUNDING = 1e-9
 # deviations moves nothing by more than a hundred-thousandth of a standard deviation.
 LEAST_WEIGHT = 1e-8
 # Kinds of references that are compared with each other: what a tip is known by most directly comes first.
-IN_SPACE, IN_LENGTH = ("point", "seat"), ("distance",)
+IN_SPACE, IN_LENGTH = ("point", "seat", "pose"), ("distance",)
 COMPARED = (IN_SPACE, IN_LENGTH, ("sphere", "plane"), ("line",), ("orientation",))
 # Readings that locate an anchor, a surface or a line.
 LEAST_TOUCHES: dict[str, int] = {touched.kind: touched.least for touched in (Distances, Spheres, Planes, Lines)}
@@ -620,18 +620,19 @@ def _held_out(
 ) -> HeldOutReadings:
     """Whitened deviations (m, k) and their covariances (m, k, k), in mm; seats with one reading give no deviation."""
     shows = part.is_judged[rows] & (freedom > ROUNDING)
-    rows, weights = rows[shows], part.weights[rows[shows]]
-    covariance = blocks[shows] / (weights[:, :, None] * weights[:, None, :])
-    covariance += (part.reference_fit.std[:, rows].T ** 2)[:, :, None] * np.eye(weights.shape[1])
+    # Of a pose the first three: displacements.
+    rows, weights, k = rows[shows], part.weights[rows[shows], :3], min(part.weights.shape[1], 3)
+    covariance = blocks[shows, :k, :k] / (weights[:, :, None] * weights[:, None, :])
+    covariance += (part.reference_fit.std[:k, rows].T ** 2)[:, :, None] * np.eye(k)
     readings = part.reference_fit.rows[rows]
-    return HeldOutReadings(readings, group[readings], white[shows] / weights, covariance, freedom[shows])
+    return HeldOutReadings(readings, group[readings], white[shows, :k] / weights, covariance, freedom[shows])
 
 
 def _is_judged(part: ReferenceFit, references: Sequence[ReferenceFit], kinds: Sequence[str]) -> BoolArray:
     if part.kind not in kinds:
         return np.zeros(len(part.rows), dtype=bool)
     if part.kind == "seat":
-        pointed = [reference.rows for reference in references if reference.kind == "point"]
+        pointed = [reference.rows for reference in references if reference.kind in ("point", "pose")]
         return ~np.isin(part.rows, np.concatenate([np.zeros(0, dtype=np.intp), *pointed]))
     return np.ones(len(part.rows), dtype=bool)
 

@@ -113,9 +113,9 @@ def frame_changes(fit: IdentificationResult, readings: PreparedReadings) -> Iter
     readings : PreparedReadings
         In the order in which they were measured; without points nothing is tested.
     """
-    if (points := readings.points) is None:
+    part = next((one for one in fit.references if one.kind == "point"), None)
+    if (points := readings.points) is None or part is None:
         return
-    part = next(one for one in fit.references if one.kind == "point")
     session, named = readings.measured, readings.measured.session
     names = np.full(len(session), "") if named is None else named
     order = np.argsort(part.rows)

@@ -266,15 +266,17 @@ def nearer_half(fit: IdentificationResult, n: int) -> FloatArray:
     """
     weights = np.ones(n)
     for part in fit.references:
-        if part.kind == "point" and len(part.rows) >= LEAST_READINGS:
-            distances = np.linalg.norm(part.residuals, axis=0)
+        if part.kind in ("point", "pose") and len(part.rows) >= LEAST_READINGS:
+            distances = np.linalg.norm(part.residuals[:3], axis=0)
             weights[part.rows[distances > np.median(distances)]] = 0.0
     return weights
 
 
 def median_distance(fit: IdentificationResult) -> float:
     """Median distance of the points from an arm [mm], excluded ones among them; infinite without points."""
-    distances = [np.linalg.norm(part.residuals, axis=0) for part in fit.references if part.kind == "point"]
+    distances = [
+        np.linalg.norm(part.residuals[:3], axis=0) for part in fit.references if part.kind in ("point", "pose")
+    ]
     return float(np.median(distances[0])) if distances else float("inf")
 
 

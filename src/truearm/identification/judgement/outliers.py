@@ -205,7 +205,7 @@ def constraint_residuals(
         tips = problem.perturbed_chain.tips(state.rows(reference.rows), fit.coefficients).T
         additional = reference.initialise(tips)[1][len(unknowns) :]
         constraints = reference.constraints(np.concatenate([unknowns, additional]))
-        if constraints is None:
+        if constraints is None or reference.kind == "pose":  # whose common errors are no lengths
             continue
         wide = np.zeros((len(constraints.residuals), len(x)))
         wide[:, problem.unknowns_of(i)] = constraints.by_unknown[:, : len(unknowns)]
@@ -221,4 +221,4 @@ def constraint_residuals(
 
 def _is_unconstrained(reference: Reference) -> bool:
     """Whether a reference has no constraints."""
-    return reference.constraints(np.zeros(len(reference.unknowns))) is None
+    return reference.kind == "pose" or reference.constraints(np.zeros(len(reference.unknowns))) is None

@@ -16,6 +16,7 @@ from truearm.findings import Finding
 from truearm.identification.references.alignment import align, rms_distance_from_line
 from truearm.identification.references.distances import Distances, distances_of
 from truearm.identification.references.orientations import Orientations, orient_flange_coarsely
+from truearm.identification.references.poses import Poses
 from truearm.identification.references.references import Points, Reference, Seats, StatedLength, seats_of
 from truearm.identification.references.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
 from truearm.identification.references.tips import tip_names
@@ -127,7 +128,10 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
     """
     references: list[Reference] = []
     seen = np.flatnonzero(readings.has_point)
-    if len(seen):
+    poses = poses_of(readings)
+    if poses is not None:
+        references.append(poses)
+    elif len(seen):
         references.append(_points(readings, seen))
     seat = readings.seat
     held = np.flatnonzero(seat != "") if seat is not None else np.zeros(0, dtype=np.intp)
@@ -153,7 +157,7 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
         if len(touched):
             references.append(made(touched, names[touched]))
     turned = rows_with_orientation(readings.quaternion)
-    if len(turned):
+    if len(turned) and poses is None:
         references.append(Orientations(turned, _orientations(readings, turned)))
     if not references:
         raise InputError(
@@ -162,6 +166,15 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
             file=readings.file,
         )
     return references
+
+
+def poses_of(readings: Session) -> Poses | None:
+    """The poses of readings whose points and orientations err together; None where no such errors are stated."""
+    if readings.pose_errors is None:
+        return None
+    rows = np.intersect1d(np.flatnonzero(readings.has_point), rows_with_orientation(readings.quaternion))
+    assert readings.points is not None
+    return Poses(rows, readings.points[rows], _orientations(readings, rows), readings.pose_errors.rows(rows))
 
 
 def _points(readings: Session, seen: IntArray) -> Points:
