@@ -8,17 +8,12 @@ of all readings at once. Points and quaternions of a session with such errors ar
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.findings import Finding
 from truearm.typing import FloatArray
-
-if TYPE_CHECKING:
-    from truearm.arm.arm import Arm
-    from truearm.readings.session import Session
 
 # An arm whose position errs by a millimetre usually turns its flange by a millimetre at this distance.
 LEVER_MM = 400.0
@@ -26,7 +21,7 @@ LEVER_MM = 400.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseErrors:
-    """Errors of the poses of n readings, along the axes of the reference's frame.
+    """Errors of the poses of n readings, along the axes of the reference's frame; zeros where a reading has no pose.
 
     Attributes
     ----------
@@ -42,8 +37,6 @@ class PoseErrors:
         Position error of the arm over the rotation error of its flange [mm/rad].
     arm_std_mm : float
         Standard deviation of a coordinate of the arm's own position error; 0 if it is not known.
-    findings : tuple of Finding
-        What a person must know of the poses.
 
     Raises
     ------
@@ -58,7 +51,6 @@ class PoseErrors:
     offset: FloatArray
     lever_mm: float = LEVER_MM
     arm_std_mm: float = 0.0
-    findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         n, a, b = len(self.covariance), len(self.common), len(self.offset)
@@ -73,8 +65,3 @@ class PoseErrors:
     def rows(self, which: Any) -> Self:
         """Those of some readings."""
         return replace(self, covariance=self.covariance[which], by_common=self.by_common[which])
-
-    def settled(self, readings: Session, arm: Arm, free: tuple[str, ...]) -> Session:
-        """The readings with what only an arm that is fitted to them shows of their poses; by default as they are."""
-        del arm, free
-        return readings

@@ -178,9 +178,6 @@ def _fit(
     nominal = None if known_arm is None else NominalModel(nominal_arm, free=free)
     first = chosen or nominal
     assert first is not None  # a network without an arm is chosen
-    if used.session.pose_errors is not None:
-        settled = used.session.pose_errors.settled(used.session, nominal_arm, free)
-        used = used._replace(session=settled)
     readings = first.prepare(used.session, used.lengths)
     if nominal is not None:
         nominal.learn(readings)

@@ -367,7 +367,9 @@ def most_noise(nominal: IdentificationResult, state: ArmState, reach: float) -> 
 
     A root mean square distance: of lengths, which are one coordinate of three, as much less.
     """
-    rows = np.concatenate([np.zeros(0, np.intp), *(one.rows for one in nominal.references if one.kind in ("point", "pose"))])
+    rows = np.concatenate(
+        [np.zeros(0, np.intp), *(one.rows for one in nominal.references if one.kind in ("point", "pose"))]
+    )
     spread = float(np.sqrt(nominal.tips(state)[rows].var(axis=0).sum())) if len(rows) else np.inf
     n_coordinates = max((len(one.residuals) for one in nominal.references), default=3)
     return min(MAX_NOISE * reach, MAX_NOISE_SHARE * spread) * float(np.sqrt(min(n_coordinates, 3) / 3))

@@ -251,7 +251,6 @@ def _findings(readings: Session, lengths: Lengths | None, frames: list[str]) -> 
         )
         yield Finding("session frames", said, {"n": len(frames)})
     yield from bars_without_certificate(readings)
-    yield from () if readings.pose_errors is None else readings.pose_errors.findings
     if all(one is None for one in (readings.points, lengths, readings.sphere_distance, readings.distance_mm)):
         yield Finding("size", "No reference point and no length is known: the arm keeps its nominal size.")
 

@@ -131,7 +131,8 @@ def references_of(readings: Session, lengths: Lengths | None) -> list[Reference]
     poses = poses_of(readings)
     if poses is not None:
         references.append(poses)
-    elif len(seen):
+        seen = np.setdiff1d(seen, poses.rows)
+    if len(seen):
         references.append(_points(readings, seen))
     seat = readings.seat
     held = np.flatnonzero(seat != "") if seat is not None else np.zeros(0, dtype=np.intp)
