@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, get_args
 # What findings are of, in the order in which a record says them.
 # fmt: off
 What: TypeAlias = Literal[
-    "acceptance", "arm", "type prior", "calculated points", "joint gains", "joint sign", "scatter", "what limits",
+    "acceptance", "hand-eye", "arm", "type prior", "calculated points", "joint gains", "joint sign", "scatter", "what limits",
     "orientation scatter", "unfilled rows", "joint limits", "no reference", "training readings", "lengths",
     "similar names", "single seats", "rounds", "repeats", "no arm", "held-out errors", "rounded angles",
     "few readings on", "session frames", "tips", "bar", "size", "still joint", "convergence", "stated uncertainty",

@@ -1,5 +1,7 @@
 """A camera as the instrument: boards, lenses, corners of images, and poses of a board or marker."""
 
 # Public names by the module of this folder that defines them; commands by the function that has each.
-NAMES: dict[str, tuple[str, ...]] = {}
+NAMES: dict[str, tuple[str, ...]] = {
+    "hand_eye": ("HandEyeResult", "hand_eye"),
+}
 COMMANDS: dict[str, str] = {}

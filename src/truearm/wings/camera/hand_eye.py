@@ -1,0 +1,393 @@
+"""Hand-eye: where the camera and the board are, from poses of the board and of the robot; the arm with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from truearm.acceptance import acceptance_remarks, accepts
+from truearm.arm import Arm
+from truearm.choices import ModelName
+from truearm.errors import InputError
+from truearm.findings import Finding, findings_of, in_order
+from truearm.models.identified_model import require_identified
+from truearm.readings import Session
+from truearm.solve.threads import one_blas_thread
+from truearm.typing import FloatArray
+from truearm.verbs.fit import FitResult, fit
+from truearm.verbs.inputs import ArmLike, to_arm
+from truearm.verbs.record import Record, TextTable, format_fixed
+from truearm.verbs.sentences import format_mm, number_of
+from truearm.wings.camera.closed_form import inverse, motion, refined
+from truearm.wings.camera.interpretation import Interpretation, interpret
+from truearm.wings.camera.mounts import Transform, of_alone, of_model
+from truearm.wings.camera.pose_files import Poses, Samples, Unit, read_samples
+from truearm.wings.camera.rotation_forms import checked_form
+
+SamplesLike: TypeAlias = "npt.ArrayLike | str | Path"
+Inverted = Literal["board", "robot"]
+
+# Images from which the arm is identified, and below which its errors are not told from those of the poses.
+FEWEST_TO_IDENTIFY = 10
+# The poses of a robot are those of another frame than its flange where they differ by more.
+SAME_MM, SAME_DEG = 3.0, 0.5
+
+
+@one_blas_thread()
+@accepts
+def hand_eye(
+    samples: SamplesLike,
+    robot: SamplesLike | None = None,
+    *,
+    arm: ArmLike | None = None,
+    eye_in_hand: bool | None = None,
+    rotation: str | None = None,
+    robot_rotation: str | None = None,
+    unit: Unit | None = None,
+    robot_unit: Unit | None = None,
+    invert: Inverted | None = None,
+    board_size: float = 1.0,
+    model: ModelName = "auto",
+    accept: str | None = None,
+    progress: Callable[[int, str], None] | None = None,
+) -> HandEyeResult:
+    """Find where the camera and the board are, with the arm that carries one of them.
+
+    With the joints the arm is identified in the same fit (`fit`). With poses of the flange alone it stays as the
+    controller has it.
+
+    Parameters
+    ----------
+    samples : str, Path or (n, 4, 4) array
+        File with the board in the camera, and joints or poses of the flange where it has them (docs/hand-eye.md); or
+        the board in the camera as motions, in mm.
+    robot : str, Path, (n, n_joints) or (n, 4, 4) array, optional
+        File of joints or poses of the flange, in the same order; joints [rad, or mm], or the flange in the base, in mm.
+    arm : Arm, str or Path, optional
+        The nominal arm; joints need it.
+    eye_in_hand : bool, optional
+        The camera is on the flange and the board stands. By default as the file states, else the camera stands and the
+        board is on the flange.
+    rotation : str, optional
+        Form of the board's rotations: xyzw, wxyz, matrix, rotvec:rad, an order of Euler angles as xyz:rad (fixed axes)
+        or ZYX:deg (turned axes), rpy, kuka, fanuc or ur. By default as the file states, else the one in which the turns
+        of robot and camera agree.
+    robot_rotation : str, optional
+        The same of the robot's rotations.
+    unit : {"mm", "m"}, optional
+        Of the board's positions, where the file does not state it.
+    robot_unit : {"mm", "m"}, optional
+        Of the robot's positions, where the file does not state it.
+    invert : {"board", "robot"}, optional
+        Whose poses are inverted: the camera in the board, the base in the flange.
+    board_size : float
+        True size of the board over the size with which its poses were computed.
+    model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
+        As of `fit`: one that identifies the arm.
+    accept : str, optional
+        Why the poses are right where they would be refused as contradicted; the reason is kept.
+    progress : callable, optional
+        As of `fit`.
+
+    Returns
+    -------
+    HandEyeResult
+
+    Raises
+    ------
+    InputError
+        If the poses are too few, of different number, in no form that fits, or turn about one axis only.
+    Contradiction
+        If robot and camera turn differently, the camera is elsewhere, or the board has another size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import truearm as ta
+    >>> arm = ta.load_arm("ur10")
+    >>> joints = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 6)) + [0.0, -1.2, 1.5, 0.0, 1.2, 0.0]
+    >>> pose = arm.chain.pose(joints)
+    >>> flange = np.zeros((20, 4, 4))
+    >>> flange[:, :3, :3], flange[:, :3, 3], flange[:, 3, 3] = pose.R_base_tip, pose.tip_in_base, 1.0
+    >>> camera_base, flange_board = np.diag([1.0, -1.0, -1.0, 1.0]), np.eye(4)
+    >>> camera_base[:3, 3], flange_board[:3, 3] = [100.0, 200.0, 2500.0], [10.0, 20.0, 30.0]
+    >>> found = ta.hand_eye(camera_base @ flange @ flange_board, flange)
+    >>> found.camera.position_mm.round(3).tolist()
+    [-100.0, 200.0, 2500.0]
+    """
+    forms = [None if form is None else checked_form(form) for form in (robot_rotation, rotation)]
+    if not 0 < board_size < np.inf:
+        raise InputError(
+            f"expected a board size above zero, got {board_size}", hint="true size over stated size: 0.998"
+        )
+    seen, moved = _sides(samples, robot)
+    known_arm, said = None if arm is None else to_arm(arm), list[str]()
+    in_hand = _where(seen, moved, eye_in_hand, said)
+    board = _stated(seen.board, forms[1], unit)
+    flange = moved.robot
+    if flange is not None:
+        flange = _stated(flange, forms[0], robot_unit)
+        if moved.inverts_standing and not in_hand:
+            flange = flange.inverted()
+        flange = flange.inverted() if invert == "robot" else flange
+    if moved.joints is not None:
+        flange = _by_joints(moved, flange, known_arm, said)
+    assert board is not None
+    assert flange is not None
+    board = board.inverted() if invert == "board" else board
+    found = interpret(flange, board, eye_in_hand=in_hand, called=seen.called, board_size=board_size)
+    said += found.sentences
+    alone = refined(found.A, found.C, found.start)
+    out = found.rows[~alone.rows]
+    if len(out):
+        listed = ", ".join(map(seen.called, out.tolist()))
+        said.append(f"Left out, as their positions are gross errors: {number_of(len(out), 'image')} ({listed}).")
+    n_images, fitted, centre = len(seen), None, np.zeros(3)
+    if moved.joints is None:
+        said.append(
+            "Without joints the arm is not identified: what its errors do is in the uncertainty on average only."
+        )
+        camera, mounted = of_alone(alone, eye_in_hand=in_hand)
+    else:
+        assert known_arm is not None
+        used = found.rows[alone.rows]
+        if len(used) < FEWEST_TO_IDENTIFY and model == "auto":
+            model = "nominal"
+            said.append(f"{len(used)} images are too few to identify the arm: {FEWEST_TO_IDENTIFY} or more do.")
+        seen_from, centre = _session(found, moved.joints[used], alone.rows, in_hand)
+        equipped = _equipped(known_arm, alone.Y, alone.X, centre, in_hand)
+        fitted = fit(equipped, seen_from, model=model, accept=accept, progress=progress)
+        identified = require_identified(fitted.model, "hand-eye needs an identified arm", hint="--model kinematic")
+        camera, mounted = of_model(identified, eye_in_hand=in_hand, centre=centre)
+    findings = (
+        *findings_of("acceptance", acceptance_remarks(accept) if fitted is None else ()),
+        *findings_of("hand-eye", said),
+        *(() if fitted is None else fitted.findings),
+    )
+    return HandEyeResult(
+        camera=camera,
+        board=mounted,
+        eye_in_hand=in_hand,
+        n_images=n_images,
+        n_used=int(alone.rows.sum()),
+        turn_deg=found.turn_deg,
+        alone_mm=float(alone.held_out_mm.mean()),
+        fitted=fitted,
+        findings=in_order(findings),
+    )
+
+
+def _sides(samples: SamplesLike, robot: SamplesLike | None) -> tuple[Samples, Samples]:
+    """The board's side and the robot's, of one file or of two, with as many images."""
+    seen = _to_samples(samples, "board")
+    moved = seen if robot is None else _to_samples(robot, "robot")
+    if robot is not None and moved.robot is None and moved.joints is None:
+        moved = replace(moved, robot=moved.board)  # a file of poses alone
+    if robot is not None and seen.board is None:
+        seen, moved = moved, replace(seen, robot=seen.robot)
+    if seen.board is None:
+        raise InputError("expected poses of the board in the camera, got none", file=seen.file, hint="x_mm .., qx ..")
+    if moved.joints is None and moved.robot is None:
+        hint = "columns q1_deg .., or the file of joints or flange poses after it"
+        raise InputError("expected joints or poses of the flange, got none", file=moved.file, hint=hint)
+    n, m = len(seen.board.positions), len(moved)
+    if n != m:
+        raise InputError(f"got {n} poses of the board and {m} of the robot", hint="one row each of every image")
+    return seen, moved
+
+
+def _to_samples(given: SamplesLike, of: str) -> Samples:
+    if isinstance(given, str | Path):
+        return read_samples(given)
+    array = np.asarray(given, dtype=float)
+    if array.ndim == 3 and array.shape[1:] == (4, 4) and np.isfinite(array).all():
+        poses = Poses.of_motions(array, "mm")
+        return Samples(None, "motions", board=poses) if of == "board" else Samples(None, "motions", robot=poses)
+    if of == "robot" and array.ndim == 2 and np.isfinite(array).all():
+        return Samples(None, "joints", joints=array)
+    raise InputError(f"expected finite motions (n, 4, 4) of the {of}, got an array of shape {array.shape}")
+
+
+def _where(seen: Samples, moved: Samples, stated: bool | None, said: list[str]) -> bool:
+    """Whether the camera is on the flange, by the option, else by the file, else not."""
+    by_file = moved.eye_in_hand if moved.eye_in_hand is not None else seen.eye_in_hand
+    if stated is not None:
+        return stated
+    if by_file is None and moved.inverts_standing:
+        said.append("The samples do not state where the camera is: taken to stand (--eye-in-hand if it is on the arm).")
+    return bool(by_file)
+
+
+def _stated(poses: Poses | None, form: str | None, unit: Unit | None) -> Poses:
+    assert poses is not None
+    return replace(poses, form=form or poses.form, unit=unit or poses.unit)
+
+
+def _by_joints(moved: Samples, flange: Poses | None, arm: Arm | None, said: list[str]) -> Poses:
+    """The flange by the joints of the nominal arm, compared with the poses that the file has beside them."""
+    assert moved.joints is not None
+    if arm is None:
+        raise InputError("joints need the nominal arm", hint="--arm ARM: a name of `truearm arms`, or a file")
+    if moved.joints.shape[1] != arm.n_joints:
+        got = moved.joints.shape[1]
+        raise InputError(f"expected {arm.n_joints} joints of {arm.name}, got {got}", file=moved.file)
+    pose = arm.chain.with_tip(np.zeros(3)).pose(moved.joints)
+    F = motion(pose.R_base_tip, pose.tip_in_base)
+    if flange is not None and flange.unit is not None:
+        form = flange.form or next(iter(flange.forms), None)
+        if form in flange.forms:
+            scale = 1000.0 if flange.unit == "m" else 1.0
+            of_file = motion(flange.forms[form].as_matrix(), scale * flange.positions)
+            said += _other_frame(inverse(F) @ of_file, moved.called)
+    return Poses.of_motions(F, "mm")
+
+
+def _other_frame(T: FloatArray, called: Callable[[int], str]) -> list[str]:
+    """What the poses of a file are, beside those of the flange by the joints (n, 4, 4)."""
+    turn = Rotation.from_matrix(T[:, :3, :3])
+    middle = np.median(T[:, :3, 3], axis=0)
+    typical = int(np.linalg.norm(T[:, :3, 3] - middle, axis=1).argmin())
+    off_mm = np.linalg.norm(T[:, :3, 3] - T[typical, :3, 3], axis=1)
+    off_deg = np.degrees((turn[typical].inv() * turn).magnitude())
+    differ = (off_mm > 3 * SAME_MM) | (off_deg > 3 * SAME_DEG)
+    if differ.mean() > 0.5:
+        return ["The poses of the robot in the file are not those of its joints: another arm, base or order. Not used."]
+    sentences = []
+    x, y, z = T[typical, :3, 3]
+    if np.linalg.norm(T[typical, :3, 3]) > SAME_MM or np.degrees(turn[typical].magnitude()) > SAME_DEG:
+        rpy = np.degrees(turn[typical].as_rotvec())
+        turned = "" if np.linalg.norm(rpy) < SAME_DEG else f", turned by {np.linalg.norm(rpy):.1f} deg"
+        sentences.append(
+            f"The poses of the robot in the file are of a tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the "
+            f"flange{turned}. The joints are used, and transforms are of the flange."
+        )
+    if differ.any():
+        rows = ", ".join(called(row) for row in np.flatnonzero(differ)[:8].tolist())
+        sentences.append(
+            f"The tool of the controller was another one at {number_of(int(differ.sum()), 'image')}: {rows}."
+        )
+    return sentences
+
+
+def _session(
+    found: Interpretation, joints: FloatArray, rows: npt.NDArray[np.bool_], in_hand: bool
+) -> tuple[Session, FloatArray]:
+    """The poses as readings of a tip, and of a camera on the flange the point of its frame that is the tip [mm].
+
+    That point is where the boards were: a rotation of the board by noise moves it least.
+    """
+    C, centre = found.C[rows], np.zeros(3)
+    if in_hand:
+        centre = C[:, :3, 3].mean(axis=0)
+        C = inverse(C)
+    points = C[:, :3, 3] + C[:, :3, :3] @ centre
+    quaternion = Rotation.from_matrix(C[:, :3, :3]).as_quat(scalar_first=True)
+    return Session(joints, points=points, quaternion=quaternion), centre
+
+
+def _equipped(arm: Arm, Y: FloatArray, X: FloatArray, centre: FloatArray, in_hand: bool) -> Arm:
+    """The nominal arm with the board, or the point before the camera, as its tip: fits converge from there."""
+    tip = inverse(X) @ np.append(centre, 1.0) if in_hand else Y[:, 3]
+    return replace(arm, chain=arm.chain.with_tip(tip[:3]))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HandEyeResult(Record):
+    """Where the camera and the board are, with uncertainty, and the identified arm.
+
+    Attributes
+    ----------
+    camera, board : Transform
+        The camera in the base and the board in the flange; where the camera is on the flange, the camera in the flange
+        and the board in the base.
+    eye_in_hand : bool
+    n_images, n_used : int
+        Images that were given, and without those that contradict the others.
+    turn_deg : float
+        Root mean square difference between the turns of robot and camera.
+    alone_mm : float
+        Mean distance of a board from where the other images put it, on the arm as its controller has it.
+    fitted : FitResult or None
+        The identified arm; None without joints.
+    findings : tuple of Finding
+    """
+
+    camera: Transform
+    board: Transform
+    eye_in_hand: bool
+    n_images: int
+    n_used: int
+    turn_deg: float
+    alone_mm: float
+    fitted: FitResult | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def held_out_mm(self) -> tuple[float, float]:
+        """Mean error of the board's position on held-out images: with the arm as it is, and with it identified."""
+        found = None if self.fitted is None else self.fitted.held_out_mm
+        return (self.alone_mm, self.alone_mm) if found is None else (found[1], found[0])
+
+    @property
+    def transforms(self) -> tuple[Transform, ...]:
+        """Camera and board, and both the other way round."""
+        return (self.camera, self.board, self.camera.inverted(), self.board.inverted())
+
+    def summary(self) -> str:
+        """The answer in one sentence."""
+        one = self.camera
+        return (
+            f"The camera in the {one.parent} is known to {format_mm(one.U_mm)} and {one.U_deg:.2g} deg (U, k = 2), "
+            f"from {number_of(self.n_used, 'image')}."
+        )
+
+    def blocks(self) -> Iterator[str | TextTable]:
+        """See `Record.blocks`."""
+        yield self.summary()
+        alone, identified = self.held_out_mm
+        if self.fitted is None or self.fitted.model_name == "nominal":
+            yield f"Hand-eye alone leaves {format_mm(alone)} of the board's position on held-out images (mean)."
+        else:
+            yield (
+                f"Hand-eye alone leaves {format_mm(alone)} of the board's position on held-out images (mean), with the "
+                f"arm identified {format_mm(identified)}."
+            )
+        yield from map(str, self.findings)
+        yield TextTable(
+            ("frame", "in", "x mm", "y mm", "z mm", "roll deg", "pitch deg", "yaw deg", "U mm", "U deg"),
+            [_row(one) for one in self.transforms],
+            left_aligned=(0, 1),
+        )
+        yield TextTable(
+            ("frame", "in", "qx", "qy", "qz", "qw"),
+            [(one.child, one.parent, *(format_fixed(q, 6) for q in one.quaternion_xyzw)) for one in self.transforms],
+            left_aligned=(0, 1),
+        )
+        yield f"The turns of robot and camera agree to {self.turn_deg:.2g} deg."
+
+    def details(self) -> Iterator[str | TextTable]:
+        """See `Record.details`."""
+        if self.fitted is not None:
+            yield from self.fitted.blocks()
+
+    def _json(self) -> dict[str, Any]:
+        alone, identified = self.held_out_mm
+        return {
+            **self._named("eye_in_hand", "n_images", "n_used", "turn_deg"),
+            "transforms": [one.to_dict() for one in self.transforms],
+            "held_out": {"hand_eye_alone_mm": alone, "arm_identified_mm": identified},
+            "findings": [str(one) for one in self.findings],
+            "fit": None if self.fitted is None else self.fitted.to_dict(),
+        }
+
+
+def _row(one: Transform) -> Sequence[str]:
+    position = (format_fixed(x, 2) for x in one.position_mm)
+    turned = (format_fixed(angle, 3) for angle in one.rpy_deg)
+    return (one.child, one.parent, *position, *turned, f"{one.U_mm:.2g}", f"{one.U_deg:.2g}")

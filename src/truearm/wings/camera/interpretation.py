@@ -1,0 +1,281 @@
+"""What the poses of a robot and of a board mean: their forms, which rows belong together, where the camera is.
+
+First the turns, which need nothing else; then the positions in closed form, which tell inverted poses, the place of
+the camera and the size of the board. What is contradicted is refused with the interpretation that fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truearm.acceptance import contradict
+from truearm.errors import InputError
+from truearm.readings.columns import FACTOR
+from truearm.typing import FloatArray, IntArray
+from truearm.verbs.sentences import number_of
+from truearm.wings.camera.closed_form import ClosedForm, Parallel, closed_form, inverse, motion
+from truearm.wings.camera.pose_files import Poses
+from truearm.wings.camera.rotation_forms import described
+from truearm.wings.camera.turn_test import FEW_WRONG, MOST_DEG, TurnTest, shifted, turns, wrong_rows
+
+# Images at which many forms are compared.
+COMPARED = 100
+# The rest of the positions over their spread above which they do not fit, and by how much another way must be better.
+MISFIT, NO_FIT, BETTER = 0.1, 0.5, 4.0
+# Another size of the board is refused, or said, from these shares and standard deviations on.
+REFUSED_SIZE, SAID_SIZE = (0.05, 5.0), (0.003, 3.0)
+SAID_DEPTH = (0.01, 4.0)
+WAYS = ("as stated", "inverted", "board transposed", "robot transposed")
+TRANSPOSED = "the rotations of the {} are transposed (columns were read as rows)"
+
+
+@dataclass(frozen=True, eq=False)
+class Interpretation:
+    """Poses that belong together.
+
+    Attributes
+    ----------
+    rows : (n,) int array
+        The images whose turns agree.
+    A, C : (n, 4, 4) array
+        As in `truearm.wings.camera.closed_form`, translations in mm.
+    turn_deg : float
+        Root mean square difference of the turns of robot and camera.
+    start : ClosedForm
+    sentences : tuple of str
+        What a person must know of it.
+    """
+
+    rows: IntArray
+    A: FloatArray
+    C: FloatArray
+    turn_deg: float
+    start: ClosedForm
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """The poses in a form of each, and how the turns agree."""
+
+    robot_form: str
+    board_form: str
+    robot: Rotation
+    board: Rotation
+    test: TurnTest
+
+    def fits(self, robot_mm: FloatArray, board_mm: FloatArray, eye_in_hand: bool) -> Iterator[tuple[str, ClosedForm]]:
+        """The closed form of each of `WAYS`."""
+        for way in WAYS:
+            A, C = self.motions(robot_mm, board_mm, eye_in_hand, way)
+            yield way, closed_form(A[self.test.agree], C[self.test.agree], sized=True)
+
+    def motions(
+        self, robot_mm: FloatArray, board_mm: FloatArray, eye_in_hand: bool, way: str = WAYS[0]
+    ) -> tuple[FloatArray, FloatArray]:
+        """A and C."""
+        R_robot = self.robot.inv() if way == "robot transposed" else self.robot
+        R_board = self.board.inv() if way == "board transposed" else self.board
+        F = motion(R_robot.as_matrix(), robot_mm)
+        return inverse(F) if eye_in_hand != (way == "inverted") else F, motion(R_board.as_matrix(), board_mm)
+
+
+def interpret(
+    robot: Poses, board: Poses, *, eye_in_hand: bool, called: Callable[[int], str], board_size: float = 1.0
+) -> Interpretation:
+    """The meaning of poses, with their forms as stated where they are.
+
+    Parameters
+    ----------
+    robot, board : Poses
+        Of the flange in the base, of the board in the camera, as many.
+    eye_in_hand : bool
+        Whether the camera is on the flange.
+    called : callable
+        Names an image by its row.
+    board_size : float
+        True size of the board over the one with which its poses were computed.
+
+    Raises
+    ------
+    InputError
+        If the numbers are no rotations, mean several, or turn about parallel axes.
+    Contradiction
+        If robot and camera turn differently, the camera is elsewhere, the poses are inverted, or the board has another
+        size.
+    """
+    robot_mm, board_mm = _positions_mm(robot, "robot"), board_size * _positions_mm(board, "board")
+    ways, sentences = _ways(robot, board)
+    found = [(way, dict(way.fits(robot_mm, board_mm, eye_in_hand))) for way in ways]
+    found.sort(key=lambda one: one[1][WAYS[0]].rms_mm)
+    best = min(found, key=lambda one: min(fit.rms_mm for fit in one[1].values()))
+    spread = float(np.sqrt(board_mm[found[0][0].test.agree].var(axis=0).sum()))
+    way, fits = found[0]
+    _check_direction(fits, best[1], spread, eye_in_hand)
+    if len(found) > 1:
+        named = f"{described(way.board_form)} of the board, {described(way.robot_form)} of the robot"
+        if found[1][1][WAYS[0]].rms_mm < 2 * fits[WAYS[0]].rms_mm + 1e-6:
+            raise InputError(
+                f"the rotations may be {described(way.board_form)} or {described(found[1][0].board_form)}",
+                hint=f"state it: --rotation {way.board_form} or {found[1][0].board_form}",
+            )
+        sentences.append(f"The rotations are read as {named}: the only form in which turns and positions agree.")
+    sentences += _wrong(way, board_mm, called)
+    agree, start = way.test.agree, fits[WAYS[0]]
+    A, C = (one[agree] for one in way.motions(robot_mm, board_mm, eye_in_hand))
+    _check_turning(A, eye_in_hand)
+    sentences += [*_size(start), *_view(C)]
+    start = closed_form(A, C, sized=False)
+    return Interpretation(np.flatnonzero(agree), A, C, way.test.rms_deg, start, tuple(sentences))
+
+
+def _positions_mm(poses: Poses, of: str) -> FloatArray:
+    if poses.unit is None:
+        option = "--unit" if of == "board" else "--robot-unit"
+        raise InputError(f"the unit of the positions of the {of} is not stated", hint=f"{option} mm or {option} m")
+    return poses.positions * FACTOR[poses.unit]
+
+
+def _ways(robot: Poses, board: Poses) -> tuple[list[_Way], list[str]]:
+    """The ways to read the rotations in which the turns agree, as stated if they do; and what is to be said."""
+    for poses, of in ((robot, "robot"), (board, "board")):
+        if not poses.forms or (poses.form is not None and poses.form not in poses.forms):
+            stated = f" as {described(poses.form)}" if poses.form else ""
+            raise InputError(f"the rotations of the {of} are no rotations{stated}", hint="--rotation FORM states them")
+    stated = _passing(*(({p.form: p.forms[p.form]} if p.form else p.forms) for p in (robot, board)))
+    if stated:
+        return stated, []
+    first = [next(iter(({p.form: p.forms[p.form]} if p.form else p.forms).items())) for p in (robot, board)]
+    way = _Way(first[0][0], first[1][0], first[0][1], first[1][1], TurnTest.of(first[0][1], first[1][1]))
+    problem = (
+        f"robot and camera turn differently: {way.test.agree.sum()} of {len(way.test.agree)} images agree with each "
+        "other"
+    )
+    if other := _passing(robot.forms, board.forms):
+        read = [
+            (described(form), f"{option} {form}")
+            for option, form, now in (
+                ("--rotation", other[0].board_form, board.form),
+                ("--robot-rotation", other[0].robot_form, robot.form),
+            )
+            if form != now
+        ]
+        problem += f"; read as {' and '.join(words for words, _ in read)} they agree"
+        contradict(InputError(problem, hint=" ".join(option for _, option in read)))
+        return other, []
+    if (shift := shifted(first[0][1], first[1][1])) is not None:
+        problem += f"; with the images {number_of(abs(shift), 'row')} {'earlier' if shift > 0 else 'later'} they agree"
+        hint = f"the first {'images have' if shift > 0 else 'poses have'} no {'pose' if shift > 0 else 'image'}"
+        raise InputError(problem, hint=hint)
+    hint = "are rows and images of the same poses, in the same order, with the arm at rest?"
+    contradict(InputError(problem, hint=hint))
+    return [way], []
+
+
+def _passing(robot: dict[str, Rotation], board: dict[str, Rotation]) -> list[_Way]:
+    """All pairs of forms in which most images agree, without those that agree far worse than the best."""
+    n = len(next(iter(robot.values())))
+    some = np.linspace(0, n - 1, min(n, COMPARED)).round().astype(int)
+    upper = np.triu_indices(len(some), 1)
+    turned = [{form: turns(R[some])[upper] for form, R in side.items()} for side in (robot, board)]
+    found = []
+    for one, a in turned[0].items():
+        for two, c in turned[1].items():
+            if np.quantile(np.abs(a - c), 0.3) < MOST_DEG:
+                test = TurnTest.of(robot[one], board[two])
+                if test.passes:
+                    found.append(_Way(one, two, robot[one], board[two], test))
+    best = max((way.test.share for way in found), default=0.0)
+    found = [way for way in found if way.test.share > 0.9 * best]
+    least = min((way.test.rms_deg for way in found), default=0.0)
+    return [way for way in found if way.test.rms_deg < 2 * least + 0.1]
+
+
+def _wrong(way: _Way, board_mm: FloatArray, called: Callable[[int], str]) -> list[str]:
+    """What is wrong with the images that do not agree; many are refused."""
+    test, n = way.test, len(way.test.agree)
+    if test.agree.all():
+        return []
+    named = wrong_rows(test, way.robot, way.board, board_mm)
+    listed = "; ".join(f"{what}: {', '.join(map(called, rows))}" for what, rows in named.items())
+    left = number_of(n - int(test.agree.sum()), "image")
+    if 1 - test.share > FEW_WRONG:
+        contradict(InputError(f"{left} of {n} contradict the others: {listed}", hint="mend or remove these images"))
+    return [f"Left out, as robot and camera turn differently: {left} of {n}. {listed[0].upper()}{listed[1:]}."]
+
+
+def _check_direction(
+    stated: dict[str, ClosedForm], best: dict[str, ClosedForm], spread: float, eye_in_hand: bool
+) -> None:
+    """Refuse poses whose positions fit another way, or none."""
+    rms = stated[WAYS[0]].rms_mm
+    way, other = min(best.items(), key=lambda one: one[1].rms_mm)
+    misses = f"the positions miss each other by {rms:.3g} mm" if np.isfinite(rms) else "the positions do not fit"
+    if way != WAYS[0] and rms > MISFIT * spread and other.rms_mm < rms / BETTER:
+        where = "on the flange" if eye_in_hand else "beside the robot"
+        elsewhere = "beside the robot (--no-eye-in-hand)" if eye_in_hand else "on the flange (--eye-in-hand)"
+        meant = {
+            "inverted": f"with the camera {elsewhere} it is {other.rms_mm:.3g} mm. If the camera is {where}, the poses "
+            "of robot or board are inverted",
+            "board transposed": f"it is {other.rms_mm:.3g} mm if " + TRANSPOSED.format("board"),
+            "robot transposed": f"it is {other.rms_mm:.3g} mm if " + TRANSPOSED.format("robot"),
+        }[way]
+        option = {"inverted": "--no-eye-in-hand" if eye_in_hand else "--eye-in-hand"}.get(way)
+        hint = f"{option}, or --invert board (or robot)" if option else "transpose the matrices"
+        contradict(InputError(f"{misses} with the camera {where}; {meant}", hint=hint))
+    elif not rms <= NO_FIT * spread:
+        hint = "is the board fixed, and the tool of the robot's poses always the same?"
+        contradict(InputError(f"{misses}, though the turns agree", hint=hint))
+
+
+def _check_turning(A: FloatArray, eye_in_hand: bool) -> None:
+    """Refuse poses that turn about one axis: the position along it is open."""
+    parallel = Parallel.of(A)
+    if parallel.is_open:
+        axis = ", ".join(f"{one:.2f}" for one in parallel.axis)
+        frame, what = ("flange", "camera") if eye_in_hand else ("base", "camera")
+        other = "board in the base" if eye_in_hand else "board on the flange"
+        raise InputError(
+            f"all poses turn about one axis, ({axis}) of the {frame}, and by {np.degrees(parallel.turning):.1f} deg "
+            f"about others: where the {what} is along it is not determined, only with the {other} together",
+            hint="turn the flange about a second axis, by 30 deg or more; an arm of four axes cannot",
+        )
+
+
+def _size(start: ClosedForm) -> list[str]:
+    """What the positions say of the board's size and of the focal length."""
+    off, std = abs(start.size - 1), max(start.size_std, 1e-12)
+    sentences = []
+    u = f"{start.size:.4g} (u {start.size_std:.1g})"
+    if off > REFUSED_SIZE[0] and off > REFUSED_SIZE[1] * std:
+        unit = next((": mm taken for m, or m for mm" for one in (1e3, 1e-3) if abs(start.size / one - 1) < 0.2), "")
+        hint = f"measure the squares of the board; --board-size {start.size:.4g} corrects the poses"
+        contradict(InputError(f"the board is {u} times the size that its poses have{unit}", hint=hint))
+    elif off > SAID_SIZE[0] and off > SAID_SIZE[1] * std:
+        sentences.append(
+            f"The arm's lengths say that the board is {u} times as large as its poses have it: measure its squares."
+        )
+    if abs(start.depth - 1) > SAID_DEPTH[0] and abs(start.depth - 1) > SAID_DEPTH[1] * start.depth_std:
+        sentences.append(
+            f"Distances along the camera's axis are {start.depth:.4g} (u {start.depth_std:.1g}) of those across it: "
+            "the focal length is wrong, or of another resolution."
+        )
+    return sentences
+
+
+def _view(C: FloatArray) -> list[str]:
+    """Whether the board is seen in front of a camera."""
+    t = C[:, :3, 3]
+    mean = (t / np.linalg.norm(t, axis=1)[:, None]).mean(axis=0)
+    axis = int(np.abs(mean).argmax())
+    if axis == 2 and mean[2] > 0:
+        return []
+    along = f"{'-' * int(mean[axis] < 0)}{'xyz'[axis]}"
+    seen = f"The board is seen along the {along} axis of the camera's frame, not along z: "
+    if axis == 0 and mean[0] > 0:
+        return [seen + "the frame is a camera_link of ROS, not an optical frame. The transforms are of that frame."]
+    return [seen + "the frame is no optical frame, or the poses are inverted."]

@@ -1,0 +1,160 @@
+"""Where the camera and the board are: in the base and on the flange of an arm, with uncertainty.
+
+The frames are those of the arm's description, as its URDF has them. Of an identified arm the base is the frame in which
+the axis and the zero of joint 1 are nominal, and the flange the one in which those of the last joint are: no reading
+shows another base or flange (`truearm.identification.terms.constants` calls these motions equivalent).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truearm.arm.chain import Chain
+from truearm.arm.rigid_motions import cross_matrix, xyz_rpy_from_frame
+from truearm.models.identified_model import IdentifiedModel
+from truearm.typing import FloatArray
+from truearm.wings.camera.closed_form import HandEyeAlone, inverse, motion
+
+# Standard uncertainties of a difference quotient.
+STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Transform:
+    """Where a frame is in another one, with its uncertainty.
+
+    Attributes
+    ----------
+    child, parent : str
+        ``camera`` in ``base``.
+    T_parent_child : (4, 4) array
+        Translation in mm.
+    covariance : (6, 6) array
+        Of the position [mm], then of a rotation [rad], along the axes of the parent.
+    """
+
+    child: str
+    parent: str
+    T_parent_child: FloatArray
+    covariance: FloatArray
+
+    def inverted(self) -> Transform:
+        """The parent in the child."""
+        back = inverse(self.T_parent_child)
+        R, K = back[:3, :3], cross_matrix(self.T_parent_child[:3, 3])
+        by = -np.block([[R, R @ K], [np.zeros((3, 3)), R]])
+        return Transform(self.parent, self.child, back, by @ self.covariance @ by.T)
+
+    @property
+    def position_mm(self) -> FloatArray:
+        """(3,) position of the child's origin."""
+        return np.asarray(self.T_parent_child[:3, 3])
+
+    @property
+    def quaternion_xyzw(self) -> FloatArray:
+        """(4,) unit quaternion x, y, z, w with w of zero or more."""
+        return np.asarray(Rotation.from_matrix(self.T_parent_child[:3, :3]).as_quat(canonical=True))
+
+    @property
+    def rpy_deg(self) -> FloatArray:
+        """(3,) roll, pitch, yaw about the fixed axes x, y, z, as URDF has them."""
+        return np.degrees(xyz_rpy_from_frame(self.T_parent_child)[1])
+
+    @property
+    def U_mm(self) -> float:
+        """Expanded uncertainty (k = 2) of the position in the direction in which it is largest."""
+        return float(2 * np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1].clip(0)))
+
+    @property
+    def U_deg(self) -> float:
+        """Expanded uncertainty (k = 2) of the orientation about the axis about which it is largest."""
+        return float(np.degrees(2 * np.sqrt(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1].clip(0))))
+
+    def to_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "child": self.child,
+            "parent": self.parent,
+            "position_mm": self.position_mm,
+            "quaternion_xyzw": self.quaternion_xyzw,
+            "rpy_deg": self.rpy_deg,
+            "matrix_mm": self.T_parent_child,
+            "U_mm": self.U_mm,
+            "U_deg": self.U_deg,
+            "u_position_mm": np.sqrt(np.diag(self.covariance)[:3]),
+            "u_rotation_deg": np.degrees(np.sqrt(np.diag(self.covariance)[3:])),
+        }
+
+
+def mounts(chain: Chain, nominal: Chain) -> tuple[FloatArray, FloatArray]:
+    """``T_base_reference`` and ``T_flange_tip`` of an identified chain, (4, 4) each, in the axes of the nominal arm."""
+    last = chain.n_joints
+    start, end = chain.fixed[0], inverse(nominal.fixed[-1]) @ chain.fixed[-1]
+    if last > 1:
+        first = chain.fixed[1] @ inverse(nominal.fixed[1])  # the motion at joint 1: about its axis it is the base's
+        turn = Rotation.from_matrix(first[:3, :3]).as_rotvec()
+        start = start @ motion(Rotation.from_rotvec([0, 0, turn[2]]).as_matrix(), np.array([0, 0, first[2, 3]]))
+    if last > 2:
+        before = chain.fixed[last - 1] @ inverse(nominal.fixed[last - 1])
+        along = float(before[:3, 3] @ nominal.fixed[last - 1, :3, 2])  # along the last joint's axis it is the flange's
+        end = inverse(nominal.fixed[-1]) @ motion(np.eye(3), np.array([0, 0, along])) @ chain.fixed[-1]
+    T_flange_tip = end @ motion(np.eye(3), chain.tip_in_flange)
+    return inverse(start @ inverse(nominal.fixed[0])), T_flange_tip
+
+
+def small_motion(T: FloatArray, T0: FloatArray) -> FloatArray:
+    """(6,) by how much T differs from T0: translation [mm], rotation [rad], along the axes of their parent."""
+    turn = Rotation.from_matrix(T[:3, :3] @ T0[:3, :3].T).as_rotvec()
+    return np.concatenate([T[:3, 3] - T0[:3, 3], turn])
+
+
+def _propagated(at: Callable[[FloatArray], FloatArray], x: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(6, 6) covariance of a motion that depends on coefficients, to first order."""
+    variances, vectors = np.linalg.eigh(covariance)
+    along = (vectors * np.sqrt(np.maximum(variances, 0.0))).T
+    T0 = at(x)
+    changes = np.stack([small_motion(at(x + STEP * one), T0) for one in along]) / STEP
+    return np.asarray(changes.T @ changes)
+
+
+def of_model(model: IdentifiedModel, *, eye_in_hand: bool, centre: FloatArray) -> tuple[Transform, Transform]:
+    """Camera and board of a fitted model: where the one is that stands, and the one on the flange.
+
+    Parameters
+    ----------
+    model : IdentifiedModel
+        Fitted to the board in the camera or, where the camera is on the flange, to a point of it in the board.
+    eye_in_hand : bool
+    centre : (3,) array
+        Of the camera on the flange: that point in its frame [mm].
+
+    Returns
+    -------
+    camera, board : Transform
+    """
+    fit, nominal = model.fit_, model.arm_.chain
+    back = motion(np.eye(3), -centre)
+
+    def standing(x: FloatArray) -> FloatArray:
+        return mounts(fit.perturbed_chain.with_constants(x), nominal)[0]
+
+    def carried(x: FloatArray) -> FloatArray:
+        return mounts(fit.perturbed_chain.with_constants(x), nominal)[1] @ back
+
+    found = [(at(fit.coefficients), _propagated(at, fit.coefficients, fit.covariance)) for at in (standing, carried)]
+    names = ("board", "camera") if eye_in_hand else ("camera", "board")
+    in_base, on_flange = (
+        Transform(name, parent, *one) for name, parent, one in zip(names, ("base", "flange"), found, strict=True)
+    )
+    return (on_flange, in_base) if eye_in_hand else (in_base, on_flange)
+
+
+def of_alone(alone: HandEyeAlone, *, eye_in_hand: bool) -> tuple[Transform, Transform]:
+    """Camera and board by hand-eye alone."""
+    base, flange = ("flange", "base") if eye_in_hand else ("base", "flange")
+    camera = Transform(base, "camera", alone.X, alone.covariance[:6, :6]).inverted()
+    return camera, Transform("board", flange, alone.Y, alone.covariance[6:, 6:])
