@@ -83,7 +83,7 @@ class Parallel:
     @property
     def is_open(self) -> bool:
         """Whether the position along the axis is not determined."""
-        return self.turning < OPEN_TURN
+        return bool(self.turning < OPEN_TURN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +140,13 @@ def closed_form(A: FloatArray, C: FloatArray, *, sized: bool) -> ClosedForm:
     target = A[:, :3, 3] @ R_X.T
     unit = np.broadcast_to(np.eye(3), turned.shape)
     # Linear in the sizes k and in both translations: k t_i - t_X - R_X R_i t_Y = R_X t_i(A).
-    sides = C[:, :3, 3, None] * [[[1.0], [1.0], [0.0]]], C[:, :3, 3, None] * [[[0.0], [0.0], [1.0]]]
+    across, along = (C[:, :3, 3, None] * np.array(one)[:, None] for one in ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     size, size_std, depth, depth_std = 1.0, 0.0, 1.0, 0.0
     if sized:
-        found, cov, _ = _linear([sum(sides), -unit, -turned], target)
+        found, cov, _ = _linear([across + along, -unit, -turned], target)
         size, size_std = float(found[0]), float(np.sqrt(cov[0, 0]))
         if len(A) > UNKNOWNS // 2:
-            both, cov, _ = _linear([*sides, -unit, -turned], target)
+            both, cov, _ = _linear([across, along, -unit, -turned], target)
             depth = float(both[1] / both[0])
             by = np.array([-depth, 1.0]) / both[0]
             depth_std = float(np.sqrt(by @ cov[:2, :2] @ by))

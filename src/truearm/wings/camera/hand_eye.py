@@ -53,7 +53,7 @@ def hand_eye(
     robot_unit: Unit | None = None,
     invert: Inverted | None = None,
     board_size: float = 1.0,
-    model: ModelName = "auto",
+    model: ModelName = "kinematic",
     accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> HandEyeResult:
@@ -89,7 +89,7 @@ def hand_eye(
     board_size : float
         True size of the board over the size with which its poses were computed.
     model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
-        As of `fit`: one that identifies the arm.
+        As of `fit`; the uncertainty of a nominal arm says nothing of the arm's errors.
     accept : str, optional
         Why the poses are right where they would be refused as contradicted; the reason is kept.
     progress : callable, optional
@@ -157,7 +157,7 @@ def hand_eye(
     else:
         assert known_arm is not None
         used = found.rows[alone.rows]
-        if len(used) < FEWEST_TO_IDENTIFY and model == "auto":
+        if len(used) < FEWEST_TO_IDENTIFY and model == "kinematic":
             model = "nominal"
             said.append(f"{len(used)} images are too few to identify the arm: {FEWEST_TO_IDENTIFY} or more do.")
         seen_from, centre = _session(found, moved.joints[used], alone.rows, in_hand)

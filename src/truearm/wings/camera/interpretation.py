@@ -144,12 +144,12 @@ def _ways(robot: Poses, board: Poses) -> tuple[list[_Way], list[str]]:
     """The ways to read the rotations in which the turns agree, as stated if they do; and what is to be said."""
     for poses, of in ((robot, "robot"), (board, "board")):
         if not poses.forms or (poses.form is not None and poses.form not in poses.forms):
-            stated = f" as {described(poses.form)}" if poses.form else ""
-            raise InputError(f"the rotations of the {of} are no rotations{stated}", hint="--rotation FORM states them")
-    stated = _passing(*(({p.form: p.forms[p.form]} if p.form else p.forms) for p in (robot, board)))
-    if stated:
-        return stated, []
-    first = [next(iter(({p.form: p.forms[p.form]} if p.form else p.forms).items())) for p in (robot, board)]
+            form = f" as {described(poses.form)}" if poses.form else ""
+            raise InputError(f"the rotations of the {of} are no rotations{form}", hint="--rotation FORM states them")
+    stated = [{one.form: one.forms[one.form]} if one.form else one.forms for one in (robot, board)]
+    if found := _passing(*stated):
+        return found, []
+    first = [next(iter(one.items())) for one in stated]
     way = _Way(first[0][0], first[1][0], first[0][1], first[1][1], TurnTest.of(first[0][1], first[1][1]))
     problem = (
         f"robot and camera turn differently: {way.test.agree.sum()} of {len(way.test.agree)} images agree with each "

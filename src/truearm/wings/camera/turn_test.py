@@ -24,7 +24,7 @@ TOGETHER, FEW_WRONG = 0.5, 1 / 3
 def turns(R: Rotation) -> FloatArray:
     """(n, n) angles [deg] between rotations, of ``R_i R_j^-1``."""
     q = R.as_quat()
-    return np.degrees(2 * np.arccos(np.clip(np.abs(q @ q.T), 0.0, 1.0)))
+    return np.asarray(np.degrees(2 * np.arccos(np.clip(np.abs(q @ q.T), 0.0, 1.0))))
 
 
 @dataclass(frozen=True, eq=False)
