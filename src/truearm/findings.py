@@ -10,9 +10,9 @@ from typing import Literal, TypeAlias, get_args
 # What findings are of, in the order in which a record says them.
 # fmt: off
 What: TypeAlias = Literal[
-    "acceptance", "hand-eye", "arm", "type prior", "calculated points", "joint gains", "joint sign", "scatter", "what limits",
-    "orientation scatter", "unfilled rows", "joint limits", "no reference", "training readings", "lengths",
-    "similar names", "single seats", "rounds", "repeats", "no arm", "held-out errors", "rounded angles",
+    "acceptance", "hand-eye", "arm", "type prior", "calculated points", "joint gains", "joint sign", "scatter",
+    "what limits", "orientation scatter", "unfilled rows", "joint limits", "no reference", "training readings",
+    "lengths", "similar names", "single seats", "rounds", "repeats", "no arm", "held-out errors", "rounded angles",
     "few readings on", "session frames", "tips", "bar", "size", "still joint", "convergence", "stated uncertainty",
     "nominal arm", "length scale", "temperature order", "few readings", "hybrid model", "change", "nominal error",
     "trained range", "angles", "payload", "acceptance in the fit", "base", "known readings", "regressor", "file",

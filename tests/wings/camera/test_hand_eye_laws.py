@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from hand_eye_cells import make_cell
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hand_eye_cells import make_cell
 from truearm.errors import InputError
 from truearm.wings.camera.closed_form import Parallel, closed_form, inverse, motion, refined
 from truearm.wings.camera.mounts import Transform, small_motion
