@@ -51,3 +51,29 @@ def rapid_module(chain, joints, *, tool=TOOL, work=WORK, digits=(6, 10), behind=
     lines.append("  PROC main()")
     lines += [f"    MoveL p{i},v100,fine,tGrip\\WObj:=wTable;" for i in range(len(joints))]
     return "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])
+
+
+def krl_frame(T, names=("X", "Y", "Z", "A", "B", "C"), decimals=6):
+    """X, Y, Z [mm], A, B, C [deg]: turned about z, then about the new y, then about the new x."""
+    a, b, c = Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)
+    values = (*T[:3, 3], a, b, c)
+    return ",".join(f"{name} {value:.{decimals}f}" for name, value in zip(names, values, strict=True))
+
+
+def krl_turn(q):
+    return sum(1 << i for i in range(6) if q[i] < 0)
+
+
+def krl_files(chain, joints, *, tool=TOOL, work=WORK, decimals=6, status=None, name="Made"):
+    """A .src with a LIN to every row of joints [rad], its .dat with the points, and the $config.dat of both frames."""
+    poses = in_work(chain, joints, tool, work)
+    points, moves = [], []
+    for i, (T, q) in enumerate(zip(poses, np.degrees(joints), strict=True)):
+        s = (2 if status is None else status[i]) | (4 if q[4] < 0 else 0)
+        points.append(f"DECL E6POS XP{i}={{{krl_frame(T, decimals=decimals)},S {s},T {krl_turn(q)},E1 0.0,E2 0.0}}")
+        points.append(f'DECL FDAT FP{i}={{TOOL_NO 3,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " "}}')
+        moves += [f"FDAT_ACT=FP{i}", f"LIN XP{i} C_DIS"]
+    src = "\n".join(["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *moves, "END", ""])
+    dat = "\n".join(["&ACCESS RVP", "&REL 1", f"DEFDAT {name} PUBLIC", *points, "ENDDAT", ""])
+    config = f"DEFDAT $CONFIG\nTOOL_DATA[3]={{{krl_frame(tool)}}}\nBASE_DATA[2]={{{krl_frame(work)}}}\nENDDAT\n"
+    return {f"{name}.src": src, f"{name}.dat": dat, "$config.dat": config}

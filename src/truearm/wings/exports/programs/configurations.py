@@ -36,7 +36,7 @@ def quantities_of(screws: Screws, joints: FloatArray, counted: FloatArray) -> Fl
         magnitude of joint 4 [deg].
     """
     h, p = screws.axes, screws.points
-    front = np.cross(h[1], h[0])
+    front, up = np.cross(h[1], h[0]), h[0] * (np.sign(h[0, 2]) or 1.0)  # of an axis 1 that points down, too
     front *= np.sign(front[0]) or 1.0
     # In the plane of the arm as it is before joint 1 turns.
     second, third = joints[..., 1], joints[..., 2] * (h[1] @ h[2])
@@ -44,7 +44,7 @@ def quantities_of(screws: Screws, joints: FloatArray, counted: FloatArray) -> Fl
     fore = _turned(h[1], second + third, screws.wrist - p[2])
     shoulder = (p[1] - p[0] + lower + fore) @ front
     link = lower / np.linalg.norm(p[2] - p[1])
-    elbow = (fore @ front) * (link @ h[0]) - (fore @ h[0]) * (link @ front)
+    elbow = (fore @ front) * (link @ up) - (fore @ up) * (link @ front)
     degrees = np.degrees(counted)
     more = np.stack([shoulder, elbow, np.abs(degrees[..., 3])], axis=-1)
     return np.concatenate([degrees, more], axis=-1)
@@ -153,17 +153,17 @@ def _wrapped(angle: FloatArray) -> FloatArray:
     return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
 
 
+# What the targets of another robot are, too.
+ROBOT = "check its tool, its work frame and the robot"
+
+
 def _reason(exists: bool, inside: bool, fits: bool, rivals: bool, stated: bool) -> str:
     if not exists:
-        return "out of reach of the arm as drawn: check its tool, its work frame and the robot"
+        return f"out of reach of the arm as drawn: {ROBOT}"
     if not inside:
-        return "only reached beyond a joint limit: check its tool, its work frame and the robot"
+        return f"only reached beyond a joint limit: {ROBOT}"
     if not fits:
-        return "no posture within the limits has its configuration: check its tool, its work frame and the robot"
-    if rivals:
-        return (
-            "several postures have its configuration"
-            if stated
-            else ("its configuration is not stated: --start states joints nearby")
-        )
-    return ""
+        return f"no posture within the limits has its configuration: {ROBOT}"
+    if rivals and stated:
+        return "several postures have its configuration"
+    return "its configuration is not stated: --start states joints nearby" if rivals else ""

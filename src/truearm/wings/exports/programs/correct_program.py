@@ -7,7 +7,6 @@ controller's arm at those joints gives the new target. Only the numbers of a tar
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import accepted_in_fit
-from truearm.arm import Chain
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -30,15 +28,13 @@ from truearm.verbs.inputs import ModelLike, model_file_fingerprint, to_model_of_
 from truearm.verbs.record import Record, TextTable
 from truearm.verbs.sentences import format_mm, listed
 from truearm.wings.exports.programs.branches import N_JOINTS, Screws
-from truearm.wings.exports.programs.configurations import QUANTITIES, nominal_joints, quantities_of
+from truearm.wings.exports.programs.configurations import QUANTITIES, ROBOT, quantities_of
 from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.languages import LANGUAGES, UNREADABLE, language_of
 from truearm.wings.exports.programs.number_texts import new_numbers
-from truearm.wings.exports.programs.orientations import angles_of
 from truearm.wings.exports.programs.program import (
     Edit,
-    Language,
     LeftAlone,
     Program,
     Surroundings,
@@ -46,11 +42,9 @@ from truearm.wings.exports.programs.program import (
     inverse,
     with_edits,
 )
+from truearm.wings.exports.programs.solving import Solver, check_joints_of_model
 from truearm.wings.exports.targets import TargetDirection, Untrained
-from truearm.wings.exports.targets.correction import correct_targets
 from truearm.wings.exports.targets.manifest import MARKER
-from truearm.wings.exports.targets.pose_models import with_tool
-from truearm.wings.exports.targets.targets import Targets
 
 MAX_BYTES = 64 * 2**20
 # A model that equals the nominal arm changes joints by rounding: such a target keeps its bytes [rad].
@@ -102,6 +96,7 @@ def correct_program(
     """
     fitted = to_model_of_tip(model)
     check_has_kinematics(fitted.arm_, "corrected targets need")
+    check_joints_of_model(fitted)
     path = Path(program)
     file = read_limited(path, limit_bytes=MAX_BYTES)
     language = language_of(file)
@@ -127,7 +122,8 @@ def correct_program(
         near = None if start is None else _start_of(start)
         if read.controller is not None:
             fitted = with_controller(fitted, read.controller)
-        return _Correction(fitted, language, read, near).result(path, file, direction, untrained)
+        solver = Solver(fitted, language, read.controller, direction, untrained)
+        return _Correction(solver, read).result(path, file, near)
     except InputError as error:
         raise error if error.file is not None else error.in_file(path) from None
 
@@ -168,138 +164,86 @@ class TargetChange:
 class _Correction:
     """The correction of a program's targets by a model."""
 
-    model: Compensator
-    language: Language
+    solver: Solver
     program: Program
-    start: FloatArray | None
 
-    @property
-    def chain(self) -> Chain:
-        """The controller's arm, to its flange."""
-        chain = self.model.arm_.chain if self.program.controller is None else self.program.controller
-        return Chain(chain.fixed, np.zeros(3), chain.prismatic, chain.coupling)
-
-    def result(self, path: Path, file: bytes, direction: TargetDirection, untrained: Untrained) -> CorrectedProgram:
+    def result(self, path: Path, file: bytes, start: FloatArray | None) -> CorrectedProgram:
         """Correct all targets, and write the program anew."""
-        targets = self.program.targets
-        if self.model.arm_.n_joints != N_JOINTS or self.model.arm_.chain.is_prismatic.any():
-            raise InputError(f"programs are corrected for arms of {N_JOINTS} turning joints")
-        nominal, reasons = self._nominal()
+        solver, program = self.solver, self.program
+        nominal, reasons = solver.nominal(program.targets, start)
         self._check_robot(nominal, reasons)
-        corrected, shifts = np.full_like(nominal, np.nan), np.zeros(len(targets))
-        for rows, equipped in self._by_tool([not reason for reason in reasons]):
-            found = correct_targets(
-                equipped, self._wanted(nominal, rows), direction=direction, untrained=untrained, uncertainty=False
-            )
-            corrected[rows], shifts[rows] = found.joints, found.shift_mm
-            for row, reason in zip(rows, found.reasons, strict=True):
-                reasons[row] = reason
-        changes, left = self._changes(nominal, corrected, shifts, reasons)
+        corrected, shifts = solver.corrected(program.targets, nominal, reasons)
+        changes, refused = self._changes(nominal, corrected, shifts, reasons)
         edits = [edit for change in changes for edit in change.edits]
         if edits:
-            edits += self._marks(direction)
-        text = with_edits(self.program.data, edits)
+            edits += self._marks()
         return CorrectedProgram(
-            model=self.model,
+            model=solver.model,
             file=path,
-            language=self.language.title,
-            direction=direction,
+            language=solver.language.title,
+            direction=solver.direction,
             changes=tuple(changes),
-            refused=tuple(left),
-            left=self.program.left,
-            notes=self.program.notes,
-            content=self.language.packed(text, file) if edits else file,
+            refused=tuple(refused),
+            left=tuple(sorted(program.left)),
+            notes=(*program.notes, *self._bend(nominal, corrected)),
+            content=solver.language.packed(with_edits(program.data, edits), file) if edits else file,
         )
 
-    def _nominal(self) -> tuple[FloatArray, list[str]]:
-        targets, arm = self.program.targets, self.model.arm_
-        nominal, reasons = np.full((len(targets), N_JOINTS), np.nan), [""] * len(targets)
-        poses = [row for row, target in enumerate(targets) if target.joints is None]
-        for row, target in enumerate(targets):
-            if target.joints is not None:
-                nominal[row] = target.joints
-        plain = np.array([row for row, target in enumerate(targets) if target.joints is not None], dtype=int)
-        nominal[plain] = self.language.model_joints(arm.chain, nominal[plain])
-        if poses:
-            found, why = nominal_joints(arm, self.chain, self.language, [targets[row] for row in poses], self.start)
-            nominal[poses] = found
-            for row, reason in zip(poses, why, strict=True):
-                reasons[row] = reason
-        return nominal, reasons
+    def _bend(self, nominal: FloatArray, corrected: FloatArray) -> Iterator[str]:
+        worst = self.solver.bend(self.program.targets, self.program.moves, nominal, corrected)
+        if worst is not None:
+            yield (
+                f"Between two corrected targets a straight move is off by at most {format_mm(worst[0])} (line "
+                f"{worst[1]}); a target between them reduces that."
+            )
 
     def _check_robot(self, nominal: FloatArray, reasons: Sequence[str]) -> None:
         """Refuse the program of another robot."""
-        if not reasons:
-            return
-        limits = self.model.arm_.limits.T
-        beyond = ((nominal < limits[0]) | (nominal > limits[1])).any(axis=1)
-        bad = [i for i, reason in enumerate(reasons) if "the robot" in reason or beyond[i]]
+        arm = self.solver.model.arm_
+        low, high = arm.limits.T
+        beyond = ((nominal < low) | (nominal > high)).any(axis=1).tolist()
+        bad = [row for row, reason in enumerate(reasons) if ROBOT in reason or beyond[row]]
         if len(bad) > _MOST * len(reasons):
-            why = reasons[bad[0]] or "its joints are beyond the limits"
-            target = self.program.targets[bad[0]]
+            target, why = self.program.targets[bad[0]], reasons[bad[0]] or "a joint is beyond its limits"
             raise InputError(
-                f"{len(bad)} of {len(reasons)} targets are none of {self.model.arm_.name!r}: {target.name}: {why}",
+                f"{len(bad)} of {len(reasons)} targets are none of {arm.name!r}, the first {target.name}: {why}",
                 line=target.line,
                 hint="give the model of the robot that runs this program, and its frames",
             )
 
-    def _by_tool(self, good: Sequence[bool]) -> Iterator[tuple[list[int], Compensator]]:
-        """Targets by their tools, each with the model that has it."""
-        groups: defaultdict[bytes, list[int]] = defaultdict(list)
-        for row, target in enumerate(self.program.targets):
-            if good[row]:
-                tool = target.T_flange_tool
-                groups[b"" if tool is None else np.round(tool, 12).tobytes()].append(row)
-        for rows in groups.values():
-            tool = self.program.targets[rows[0]].T_flange_tool
-            if tool is None:
-                yield rows, self.model
-            else:
-                rpy = np.radians(angles_of(tool[:3, :3], (0.0, 0.0, 0.0)))
-                yield rows, with_tool(self.model, np.concatenate([tool[:3, 3], rpy]))
-
-    def _wanted(self, nominal: FloatArray, rows: list[int]) -> Targets:
-        return Targets.of_joints(nominal[rows])
-
     def _changes(
         self, nominal: FloatArray, corrected: FloatArray, shifts: FloatArray, reasons: Sequence[str]
     ) -> tuple[list[TargetChange], list[LeftAlone]]:
-        targets, language, chain = self.program.targets, self.language, self.chain
+        """What changes, target by target in the order of the program, and what is refused."""
+        language, chain = self.solver.language, self.solver.model.arm_.chain
+        before, after = (language.controller_joints(chain, joints) for joints in (nominal, corrected))
+        flange = self.solver.flange(corrected)
+        stated = [self._quantities(nominal, before), self._quantities(corrected, after)]
+        moved = (np.abs(corrected - nominal).max(axis=1) > _UNCHANGED).tolist()
         changes, refused = [], []
-        good = np.flatnonzero([not reason for reason in reasons])
-        counted = np.full_like(nominal, np.nan)
-        counted[good] = language.controller_joints(self.model.arm_.chain, corrected[good])
-        before = np.full_like(nominal, np.nan)
-        before[good] = language.controller_joints(self.model.arm_.chain, nominal[good])
-        there = chain.pose(corrected[good])
-        flange = np.tile(np.eye(4), (len(targets), 1, 1))
-        flange[good, :3, :3], flange[good, :3, 3] = there
-        quantities = [self._quantities(nominal, before), self._quantities(corrected, counted)]
-        for row, (target, reason) in enumerate(zip(targets, reasons, strict=True)):
-            if reason:
-                refused.append(LeftAlone(target.line, target.name, reason, is_literal=True))
-                continue
-            edits: tuple[Edit, ...] = ()
-            numbers: dict[str, bytes] = {}
-            if np.abs(corrected[row] - nominal[row]).max() > _UNCHANGED:
+        for row, target in sorted(enumerate(self.program.targets), key=lambda one: (one[1].line, one[0])):
+            numbers: Mapping[str, bytes] = {}
+            edits: list[Edit] = []
+            reason = reasons[row]
+            if not reason and moved[row]:
                 pose = None
                 if target.T_base_work is not None and target.T_flange_tool is not None:
                     pose = inverse(target.T_base_work) @ flange[row] @ target.T_flange_tool
-                numbers = new_numbers(language, target, language.values(target, counted[row], pose))
-                edits = tuple(
-                    Edit(target.numbers[name].start, target.numbers[name].end, text) for name, text in numbers.items()
-                )
+                numbers = new_numbers(language, target, language.values(target, after[row], pose))
+                edits = [Edit(*target.numbers[name][:2], text) for name, text in numbers.items()]
                 try:
-                    edits += self._configuration(target, *(one[row] for one in quantities))
+                    edits += self._configuration(target, stated[0][row], stated[1][row])
                 except InputError as error:
-                    refused.append(LeftAlone(target.line, target.name, error.problem, is_literal=True))
-                    continue
-            changes.append(TargetChange(target, numbers, edits, float(shifts[row]), counted[row], before[row]))
+                    reason = error.problem
+            if reason:
+                refused.append(LeftAlone(target.line, target.name, reason, is_literal=True))
+            else:
+                changes.append(TargetChange(target, numbers, tuple(edits), float(shifts[row]), after[row], before[row]))
         return changes, refused
 
     def _quantities(self, joints: FloatArray, counted: FloatArray) -> list[dict[str, float]]:
         """What configurations are stated by, of every target."""
-        screws = Screws.of(self.model.arm_.chain)
+        screws = Screws.of(self.solver.model.arm_.chain)
         if screws is None:
             return [{}] * len(joints)
         return [dict(zip(QUANTITIES, row, strict=True)) for row in quantities_of(screws, joints, counted).tolist()]
@@ -310,21 +254,22 @@ class _Correction:
             one.low <= old[one.quantity] <= one.high and not one.low <= new[one.quantity] <= one.high
             for one in target.conditions
         )
-        return tuple(self.language.configuration(target, new)) if crossed else ()
+        return tuple(self.solver.language.configuration(target, new)) if crossed else ()
 
-    def _marks(self, direction: TargetDirection) -> Iterator[Edit]:
+    def _marks(self) -> Iterator[Edit]:
         """The edit that says that the program is corrected, or that takes away that of the other direction."""
-        data = self.program.data
-        marks = [match for match in _MARK.finditer(data) if match[1].decode() != direction]
+        data, language = self.program.data, self.solver.language
+        marks = list(_MARK.finditer(data))
         for match in marks:
-            comment = self.language.mark(self.program, match[0].decode()).text
+            comment = language.mark(self.program, match[0].decode()).text
             at = data.find(comment)
             if at >= 0:
                 yield Edit(at, at + len(comment), b"")
             else:  # the controller wrote the line in its own way
                 yield Edit(match.start(1), match.end(1), b"undone")
         if not marks:
-            yield self.language.mark(self.program, f"truearm {direction} {model_file_fingerprint(self.model)[:8]}")
+            words = f"truearm {self.solver.direction} {model_file_fingerprint(self.solver.model)[:8]}"
+            yield language.mark(self.program, words)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

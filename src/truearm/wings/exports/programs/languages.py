@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from truearm.wings.exports.programs.fanuc_ls import FanucListing
+from truearm.wings.exports.programs.krl import Krl
 from truearm.wings.exports.programs.polyscope import PolyScope
 from truearm.wings.exports.programs.program import Language
 from truearm.wings.exports.programs.rapid import Rapid
 from truearm.wings.exports.programs.urscript import URScript
 from truearm.wings.exports.programs.yaskawa_jbi import YaskawaJob
 
-LANGUAGES: tuple[Language, ...] = (Rapid(), FanucListing(), YaskawaJob(), PolyScope(), URScript())
+LANGUAGES: tuple[Language, ...] = (Rapid(), Krl(), FanucListing(), YaskawaJob(), PolyScope(), URScript())
 
 # Files that are no program in a text of their own, by their endings.
 UNREADABLE = {

@@ -1,0 +1,460 @@
+"""KUKA KRL: targets of ``.src``, ``.dat`` and ``.sub`` files.
+
+A pose is ``{X 1,Y 2,Z 3,A 4,B 5,C 6,S 2,T 3,E1 0}`` in mm and deg in its base, with R = Rz(A) Ry(B) Rx(C); joints are
+``{A1 .., A6 ..}`` in deg. Bit k - 1 of T is set where axis k is negative. Of S, bit 0 is a wrist centre behind axis 1,
+bit 1 one in front of the line from axis 2 to axis 3, bit 2 a negative axis 5, bit 4 a point that an absolutely accurate
+robot was taught. Tool and base of a taught point are numbers in its FDAT, those of other points what the lines before
+them state.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.files.file_reading import read_limited
+from truearm.typing import FloatArray
+from truearm.wings.exports.programs.orientations import angles_of, rotation_of
+from truearm.wings.exports.programs.program import (
+    Condition,
+    Edit,
+    Language,
+    LeftAlone,
+    Move,
+    MoveKind,
+    Number,
+    Program,
+    Surroundings,
+    Target,
+    line_end_of,
+    transform,
+)
+
+MAX_BYTES = 16 * 2**20
+_MOVES: dict[bytes, MoveKind] = {
+    **dict.fromkeys((b"PTP", b"SPTP"), "joint"),
+    **dict.fromkeys((b"LIN", b"SLIN"), "linear"),
+    **dict.fromkeys((b"CIRC", b"SCIRC"), "circular"),
+}
+_POSE, _JOINTS = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in range(1, 7))
+_TARGETS = (b"E6POS", b"POS", b"E6AXIS", b"AXIS")
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|$)")
+_CODE = re.compile(rb'(?:[^";]|"[^"\r\n]*")*')
+_NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_FIELD = re.compile(rb"\s*([A-Za-z_]\w*)\s+(" + _NUMBER + rb"|'[BbHh][0-9A-Fa-f]+')\s*")
+_NAME = rb"\$?[A-Za-z_][\w$]*(?:\s*\[\s*\d+\s*\])?"
+_DECLARED = re.compile(
+    rb"(?i)\s*(?:GLOBAL\s+)?(?:DECL\s+)?(?:GLOBAL\s+)?(?:CONST\s+)?(E6POS|POS|E6AXIS|AXIS|FRAME|FDAT)\s+(.*)"
+)
+_GIVEN = re.compile(rb"(?i)\s*(?:DECL\s+)?(" + _NAME + rb")\s*(\.\s*\w+\s*)?=\s*(.*)", re.DOTALL)
+_MOVED = re.compile(rb"(?i)\s*((?:S?PTP|S?LIN|S?CIRC)(?:_REL)?)\s+(?=[{\w$])(.*)", re.DOTALL)
+_AGGREGATE = re.compile(rb"\{\s*(?:[A-Za-z_]\w*\s*:)?([^{}]*)\}")
+_GOAL = re.compile(rb"\s*(\{[^{}]*\}|[^,{}\s]*(?:\s*:\s*[^,{}\s]+)*)")
+_BAS = re.compile(rb"(?i)\s*BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\w+)\s*\)")
+_DATA = re.compile(rb"(?i)(TOOL|BASE)_DATA\s*\[\s*(\d+)\s*\]")
+_NULL = b"0"
+
+
+class _Value(NamedTuple):
+    """A literal aggregate: its numbers, and its words such as #BASE."""
+
+    numbers: dict[str, Number]
+    has_more: bool  # something in it is not a number
+
+
+@dataclass(frozen=True)
+class _Line:
+    number: int
+    start: int
+    code: bytes
+
+
+# Numbers of tool and base, or None where they are not stated.
+_Frames = tuple[bytes | None, bytes | None]
+
+
+class Krl(Language):
+    """See the module."""
+
+    title = "KUKA KRL"
+    endings = (".src", ".dat", ".sub")
+
+    def recognises(self, data: bytes) -> bool:
+        """See `Language`."""
+        return bool(
+            re.search(
+                rb"(?im)^[ \t]*(?:&ACCESS\b|(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT|DEFDAT)[ \t]+[\w$]+"
+                rb"|(?:GLOBAL[ \t]+)?DECL[ \t]+(?:GLOBAL[ \t]+)?(?:E6POS|E6AXIS|POS|AXIS|FRAME)[ \t]+\w)",
+                data,
+            )
+        )
+
+    def read(self, data: bytes, beside: Surroundings) -> Program:
+        """See `Language`."""
+        return _File(data, beside).program()
+
+    def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
+        """See `Language`."""
+        if target.joints is not None:
+            return dict(zip(_JOINTS, np.degrees(joints).tolist(), strict=True))
+        assert pose is not None  # of a Cartesian target
+        before = [target.numbers[name].value for name in "CBA"]
+        c, b, a = angles_of(pose[:3, :3], before).tolist()
+        return dict(zip(_POSE, (*pose[:3, 3].tolist(), a, b, c), strict=True))
+
+    def configuration(self, target: Target, quantities: Mapping[str, float]) -> Iterable[Edit]:
+        """See `Language`."""
+        turn = sum(1 << (i - 1) for i in range(1, 7) if quantities[f"J{i}"] < 0)
+        bits = (quantities["shoulder"] < 0, quantities["elbow"] > 0, quantities["J5"] < 0)
+        status = bits[0] + 2 * bits[1] + 4 * bits[2]
+        for name, value in (("S", status), ("T", turn)):
+            number = target.numbers[name]
+            if _whole(number.text) != value:
+                yield Edit(number.start, number.end, _as_before(number.text, value))
+
+    def mark(self, program: Program, words: str) -> Edit:
+        """See `Language`."""
+        head = re.search(rb"(?im)^[ \t]*(?:GLOBAL[ \t]+)?DEF(?:FCT|DAT)?[ \t][^\r\n]*(?:\r\n|\n|\r)", program.data)
+        at = head.end() if head else 0
+        return Edit(at, at, b"; " + words.encode("ascii") + line_end_of(program.data))
+
+
+class _File:
+    """A file while it is read."""
+
+    def __init__(self, data: bytes, beside: Surroundings) -> None:
+        self.data, self.beside = data, beside
+        self.lines = list(_lines(data))
+        self.types: dict[bytes, bytes] = {}
+        self.fdat: dict[bytes, _Frames] = {}
+        self.uses: defaultdict[bytes, dict[_Frames, int]] = defaultdict(dict)
+        self.frames: dict[tuple[bytes, bytes], FloatArray] = {}
+        self.left: list[LeftAlone] = []
+        self.notes: list[str] = []
+        self.found: list[tuple[bytes | None, str, int, _Value, _Frames]] = []
+        self.moves: list[tuple[int, MoveKind, bytes | int | None]] = []
+        self.given: list[tuple[_Line, re.Match[bytes]]] = []
+
+    def program(self) -> Program:
+        """Read it all."""
+        self._check_ends()
+        others = [list(_lines(data)) for data in self._companions()]
+        for lines in (*others, self.lines):
+            for line in lines:
+                self._declare(line.code)
+        for lines in others:
+            self._walk(lines, is_own=False)
+        self._walk(self.lines, is_own=True)
+        for line, given in self.given:
+            self._value(line, given)
+        here = {found[0] for found in self.found} | {_word(given[1]) for _, given in self.given}
+        for number, _, goal in self.moves:
+            if isinstance(goal, bytes) and goal not in here:
+                reason = "the program computes it" if goal[:1] == b"$" else "its numbers are in another file"
+                self.left.append(LeftAlone(number, _text(goal), reason))
+        targets: list[Target] = []
+        numbers: dict[bytes | int | None, int] = {}
+        for key, found in enumerate(self.found):
+            if (target := self._target(*found)) is not None:
+                numbers[key] = numbers[found[0] or key] = len(targets)
+                targets.append(target)
+        moves = tuple(Move(number, kind, numbers.get(goal)) for number, kind, goal in self.moves)
+        return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
+
+    def _check_ends(self) -> None:
+        for begin, end in ((rb"DEFDAT", rb"ENDDAT"), (rb"DEF", rb"END"), (rb"DEFFCT", rb"ENDFCT")):
+            of_both = [
+                sum(bool(re.match(rb"(?i)\s*(?:GLOBAL\s+)?" + word + rb"(?![\w$])", line.code)) for line in self.lines)
+                for word in (begin, end)
+            ]
+            if of_both[0] > of_both[1]:
+                problem = f"{begin.decode()} has no {end.decode()}: the file is cut off"
+                raise InputError(problem, line=self.lines[-1].number if self.lines else 1)
+
+    def _companions(self) -> Iterator[bytes]:
+        """The other half of a program, and the list of tools and bases, if they are beside it."""
+        file = self.beside.file
+        if file is None:
+            return
+        other = {".src": ".dat", ".dat": ".src"}.get(file.suffix.lower())
+        if other is not None:
+            yield from _read_any(file.parent, file.stem + other)
+        for folder in (file.parent, file.parent.parent / "System", file.parent.parent.parent / "R1" / "System"):
+            for data in _read_any(folder, "$config.dat"):
+                self.notes.append(f"Tools and bases are those of {folder.name}/$config.dat.")
+                yield data
+                return
+
+    def _declare(self, code: bytes) -> None:
+        """Types of names, FDAT, and the values of tools and bases."""
+        if b"=" in code and (given := _GIVEN.fullmatch(code)) and (at := _DATA.fullmatch(given[1])) and not given[2]:
+            value = _aggregate(given[3], 0)
+            if value is not None and set(_POSE) <= set(value.numbers):
+                self.frames[at[1].upper(), at[2]] = _frame(value.numbers)
+        declared = _DECLARED.fullmatch(code)
+        if declared is None:
+            return
+        kind, rest = declared[1].upper(), re.sub(rb"\{[^{}]*\}", b"", declared[2])
+        for name in re.findall(rb"(\$?[A-Za-z_][\w$]*)\s*(?:\[[^\]]*\])?\s*(?:,|=|$)", rest):
+            self.types[name.upper()] = kind
+        if kind == b"FDAT" and (given := _GIVEN.fullmatch(declared[2])):
+            tool, base = (re.search(rb"(?i)\b" + word + rb"\s+(\d+)", given[3]) for word in (b"TOOL_NO", b"BASE_NO"))
+            if re.search(rb"(?i)IPO_FRAME\s+#TCP", given[3]):
+                self.fdat[_word(given[1])] = (b"TCP", b"TCP")
+            elif tool and base:
+                self.fdat[_word(given[1])] = (tool[1], base[1])
+
+    def _walk(self, lines: list[_Line], *, is_own: bool) -> None:
+        """Follow the lines of a file in their order: tool and base, moves and values."""
+        tool: bytes | None = None
+        base: bytes | None = None
+        for line in lines:
+            code = line.code
+            if re.match(rb"(?i)\s*(?:GLOBAL\s+)?DEF(?:FCT)?\s", code):
+                tool = base = None
+            elif bas := _BAS.match(code):
+                tool, base = (bas[2], base) if bas[1].upper() == b"TOOL" else (tool, bas[2])
+            elif moved := _MOVED.fullmatch(code):
+                self._move(line, moved, (tool, base), is_own=is_own)
+            elif b"=" in code and (given := _given(code)) is not None:
+                word = _word(given[1])
+                if word == b"FDAT_ACT":
+                    tool, base = self.fdat.get(_word(given[3]), (None, None))
+                elif word in (b"$TOOL", b"$BASE"):
+                    stated = self._stated(word[1:], line, given[3])
+                    tool, base = (stated, base) if word == b"$TOOL" else (tool, stated)
+                elif is_own:
+                    self.given.append((line, given))
+
+    def _stated(self, which: bytes, line: _Line, text: bytes) -> bytes | None:
+        """The number of the frame that a line sets; a literal one gets a number of its own."""
+        if at := _DATA.fullmatch(text.strip()):
+            return at[2]
+        if text.strip().upper() == b"$NULLFRAME":
+            return _NULL
+        value = _aggregate(text, 0)
+        if value is not None and set(_POSE) <= set(value.numbers):
+            own = b"line %d" % line.number
+            self.frames[which, own] = _frame(value.numbers)
+            return own
+        return b"EK" if re.match(rb"(?i)\s*EK\s*\(", text) else None
+
+    def _move(self, line: _Line, moved: re.Match[bytes], frames: _Frames, *, is_own: bool) -> None:
+        word, at = moved[1].upper(), 0
+        for _ in range(2 if b"CIRC" in word else 1):
+            goal = _GOAL.match(moved[2], at)
+            assert goal is not None  # it may be empty
+            at = goal.end() + (moved[2][goal.end() : goal.end() + 1] == b",")
+            text = goal[1]
+            name = _word(text)
+            if name and re.fullmatch(_NAME, text.strip()):
+                self.uses[name].setdefault(frames, line.number)
+            if not is_own:
+                continue
+            key: bytes | int | None = None
+            shown = f"{word.decode()} {_text(text)}"
+            if word.endswith(b"_REL"):
+                self.left.append(LeftAlone(line.number, shown, "its numbers are increments"))
+            elif text[:1] == b"{":
+                value = _aggregate(text, line.start + moved.start(2) + goal.start(1))
+                key = self._add(None, f"{word.decode()} in line {line.number}", line.number, value, frames)
+            elif not re.fullmatch(_NAME, text.strip()):
+                self.left.append(LeftAlone(line.number, shown, "the program computes it"))
+            else:
+                key = name
+            self.moves.append((line.number, _MOVES.get(word.removesuffix(b"_REL"), "joint"), key))
+
+    def _value(self, line: _Line, given: re.Match[bytes]) -> None:
+        """A value that is given to a name: a target, if the name is one."""
+        word = _word(given[1])
+        base = word.partition(b"[")[0]
+        kind = self.types.get(base)
+        is_target = kind in _TARGETS or word in self.uses or (kind is None and base in self.uses)
+        name = _text(given[1])
+        text = given[3]
+        value = _aggregate(text, line.start + given.start(3))
+        if not is_target:
+            looks = value is not None and (set(_POSE[:3]) <= set(value.numbers) or set(_JOINTS) <= set(value.numbers))
+            if looks and kind is None and not base.startswith(b"$") and not _DATA.fullmatch(given[1]):
+                self.left.append(LeftAlone(line.number, name, "its type is not declared in this file"))
+            return
+        if given[2]:
+            self.left.append(LeftAlone(line.number, _text(given[1] + given[2]), "the program computes it"))
+        elif text.lstrip()[:1] != b"{":
+            self.left.append(LeftAlone(line.number, name, "the program computes it"))
+        else:
+            self._add(word, name, line.number, value, (None, None))
+
+    def _add(self, word: bytes | None, name: str, line: int, value: _Value | None, frames: _Frames) -> int | None:
+        if value is None or value.has_more:
+            self.left.append(LeftAlone(line, name, "some of its numbers are not literal"))
+            return None
+        self.found.append((word, name, line, value, frames))
+        return len(self.found) - 1
+
+    def _target(self, word: bytes | None, name: str, line: int, value: _Value, frames: _Frames) -> Target | None:
+        numbers, stated = value.numbers, {frames} if word is None else set(self.uses[word])
+
+        def left(reason: str) -> None:
+            self.left.append(LeftAlone(line, name, reason, is_literal=True))
+
+        taught = None if word is None or not word.startswith(b"X") else self.fdat.get(b"F" + word[1:])
+        if taught is not None and not stated - {(None, None)}:
+            stated = {taught}
+        stated = stated or {(None, None)}
+        if len(stated) > 1:
+            left("it is used with several tools or bases: one target cannot have two corrections")
+            return None
+        tool, base = stated.pop()
+        if any(name in numbers for name in _JOINTS):
+            if not set(_JOINTS) <= set(numbers):
+                left("some of A1 to A6 are missing: those keep the last value")
+                return None
+            joints = np.radians([numbers[axis].value for axis in _JOINTS])
+            frame = self._frame(b"TOOL", tool)[0]
+            return Target(name, line, _only(numbers, _JOINTS), joints=joints, T_flange_tool=frame)
+        if not set(_POSE) <= set(numbers):
+            left("some of X, Y, Z, A, B, C are missing: those keep the last value")
+            return None
+        conditions: tuple[Condition, ...] = ()
+        if {"S", "T"} <= set(numbers):
+            status, turn = (_whole(numbers[one].text) for one in "ST")
+            if status is None or turn is None or status & 8 or not 0 <= turn < 64 or status > 31:
+                left("its S and T are none of a six-axis arm")
+                return None
+            if status & 16:
+                left("it was taught with an absolutely accurate robot (bit 4 of S), whose controller corrects already")
+                return None
+            conditions = _conditions(status, turn)
+        frames_found = [self._frame(b"TOOL", tool), self._frame(b"BASE", base)]
+        lacks = next((why for frame, why in frames_found if frame is None), None)
+        if lacks is not None:
+            left(lacks)
+            return None
+        return Target(
+            name,
+            line,
+            _only(numbers, (*_POSE, "S", "T")),
+            pose=_frame(numbers),
+            T_flange_tool=frames_found[0][0],
+            T_base_work=frames_found[1][0],
+            conditions=conditions,
+        )
+
+    def _frame(self, which: bytes, number: bytes | None) -> tuple[FloatArray | None, str]:
+        """A tool in the flange, or a base in the base of the arm; or what is to be stated."""
+        frames, what = self.beside.frames, which.decode().lower()
+        if number == b"TCP":
+            return None, "its tool is fixed in the cell (IPO_FRAME #TCP)"
+        if number == b"EK":
+            return None, "its base moves with an external kinematic"
+        motion = np.eye(4) if number == _NULL else self.frames.get((which, number or b""))
+        if motion is not None:
+            return (motion if which == b"TOOL" else frames.in_base(motion)), ""
+        name = None if number is None else number.decode("latin-1")
+        stated = frames.tool_of(name) if which == b"TOOL" else frames.work_of(name)
+        lacks = f"its {what} is not stated" if name is None else f"{which.decode()}_DATA[{name}] is not in this program"
+        return stated, f"{lacks}: state it in --frames"
+
+
+def _lines(data: bytes) -> Iterator[_Line]:
+    for number, match in enumerate(_LINE.finditer(data), 1):
+        text = match[0].rstrip(b"\r\n")
+        code = _CODE.match(text)
+        assert code is not None  # it may be empty
+        if code[0].count(b"{") > code[0].count(b"}"):
+            raise InputError("a bracket { is not closed", line=number)
+        if match[0]:
+            yield _Line(number, match.start(), b"" if text.lstrip()[:1] == b"&" else code[0])
+
+
+def _read_any(folder: Path, name: str) -> Iterator[bytes]:
+    """A file of a folder, whatever the case of its name."""
+    if folder.is_dir():
+        for file in sorted(folder.iterdir()):
+            if file.name.lower() == name.lower() and file.is_file():
+                yield read_limited(file, limit_bytes=MAX_BYTES)
+                return
+
+
+def _given(code: bytes) -> re.Match[bytes] | None:
+    """A name, its component and the value that a line gives it; a declaration's type is skipped."""
+    declared = _DECLARED.fullmatch(code)
+    return _GIVEN.fullmatch(code, declared.start(2)) if declared else _GIVEN.fullmatch(code)
+
+
+def _aggregate(text: bytes, start: int) -> _Value | None:
+    """The numbers of ``{X 1, Y 2}`` with their places; None where it is none."""
+    match = _AGGREGATE.match(text.lstrip())
+    if match is None:
+        return None
+    at = start + len(text) - len(text.lstrip()) + match.start(1)
+    numbers, has_more = {}, False
+    for part in match[1].split(b","):
+        field = _FIELD.fullmatch(part)
+        if field is None:
+            has_more = True
+        else:
+            name = field[1].decode().upper()
+            numbers[name] = Number(at + field.start(2), at + field.end(2), field[2])
+        at += len(part) + 1
+    return _Value(numbers, has_more)
+
+
+def _frame(numbers: Mapping[str, Number]) -> FloatArray:
+    x, y, z, a, b, c = (numbers[name].value for name in _POSE)
+    return transform(rotation_of((c, b, a)), [x, y, z])
+
+
+def _only(numbers: Mapping[str, Number], names: Iterable[str]) -> dict[str, Number]:
+    return {name: numbers[name] for name in names if name in numbers}
+
+
+def _conditions(status: int, turn: int) -> tuple[Condition, ...]:
+    below, above = (-inf, 0.0), (0.0, inf)
+    signs = [Condition(f"J{i}", *(below if turn >> (i - 1) & 1 else above)) for i in range(1, 7)]
+    if bool(status & 4) != bool(turn & 16):  # no joint is both
+        signs[4] = Condition("J5", inf, -inf)
+    return (
+        *signs,
+        Condition("shoulder", *(below if status & 1 else above)),
+        Condition("elbow", *(above if status & 2 else below)),
+    )
+
+
+def _whole(text: bytes) -> int | None:
+    """A whole number: 22, or as bits 'B10110' or 'H16'."""
+    if text[:1] == b"'":
+        return int(text[2:-1], 2 if text[1:2].upper() == b"B" else 16) if _is_of_base(text) else None
+    value = float(text)
+    return int(value) if value == int(value) else None
+
+
+def _is_of_base(text: bytes) -> bool:
+    return text[1:2].upper() == b"H" or not set(text[2:-1]) - set(b"01")
+
+
+def _as_before(text: bytes, value: int) -> bytes:
+    """A whole number in the notation of another."""
+    if text[:1] != b"'":
+        return b"%d" % value
+    form = f"{value:0{len(text) - 3}b}" if text[1:2].upper() == b"B" else f"{value:0{len(text) - 3}X}"
+    return text[:2] + form.encode("ascii") + b"'"
+
+
+def _word(text: bytes) -> bytes:
+    """A name as it is compared: without blanks, the case does not count."""
+    return re.sub(rb"\s", b"", text).upper()
+
+
+def _text(text: bytes) -> str:
+    """Bytes as a message shows them."""
+    return " ".join(text.decode("latin-1").split())[:60]
