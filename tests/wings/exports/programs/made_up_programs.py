@@ -1,5 +1,6 @@
 """Programs of the makers' languages for known joints, made without the readers."""
 
+import warnings
 from math import floor
 
 import numpy as np
@@ -55,7 +56,9 @@ def rapid_module(chain, joints, *, tool=TOOL, work=WORK, digits=(6, 10), behind=
 
 def krl_frame(T, names=("X", "Y", "Z", "A", "B", "C"), decimals=6):
     """X, Y, Z [mm], A, B, C [deg]: turned about z, then about the new y, then about the new x."""
-    a, b, c = Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)
+    with warnings.catch_warnings():  # at B = 90 deg one of several sets
+        warnings.simplefilter("ignore")
+        a, b, c = Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)
     values = (*T[:3, 3], a, b, c)
     return ",".join(f"{name} {value:.{decimals}f}" for name, value in zip(names, values, strict=True))
 
