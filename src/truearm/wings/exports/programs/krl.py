@@ -91,7 +91,7 @@ class Krl(Language):
         """See `Language`."""
         return bool(
             re.search(
-                rb"(?im)^[ \t]*(?:&ACCESS\b|(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT|DEFDAT)[ \t]+[\w$]+"
+                rb"(?im)^[ \t]*(?:&ACCESS\b|(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT|DEFDAT)[ \t]+[\w$]+(?![^\r\n]*:[ \t]*\r?$)"
                 rb"|(?:GLOBAL[ \t]+)?DECL[ \t]+(?:GLOBAL[ \t]+)?(?:E6POS|E6AXIS|POS|AXIS|FRAME)[ \t]+\w)",
                 data,
             )
