@@ -200,6 +200,25 @@ class TestUniversalRobots:
         assert not found.changes
         assert all("its joints and its pose disagree by" in one.reason for one in found.left)
 
+    def test_a_pair_that_disagrees_with_the_drawing_is_not_that_of_a_nominal_controller(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", 3)
+        script = polyscope_script(calibrated(), planned)
+        _, found = corrected(tmp_path, model, script.encode(), "a.script")
+        assert not found.changes
+        assert all("another tool, or other kinematics" in one.reason for one in found.left)
+
+    @pytest.mark.parametrize("stated", ["", 'controller = "a.urp"', 'controller = "b.urp"'])
+    def test_a_script_has_the_kinematics_of_the_program_that_it_was_exported_with(self, tmp_path, stated):
+        model, planned = fitted("ur10"), joints_of("ur10", 8)
+        content = gzip.compress(polyscope_program([waypoint("W_1", planned[0])]).encode())
+        (tmp_path / f"{'b' if 'b.urp' in stated else 'a'}.urp").write_bytes(content)
+        script = polyscope_script(calibrated(), planned)
+        text, found = corrected(tmp_path, model, script.encode(), "a.script", stated)
+        assert len(found.changes) == 8
+        assert any("those of a.urp" in note for note in found.notes) is (not stated)
+        mm, _ = tip_errors(model, planned, numbers(r"P_\d+_q=\[(.*)\]", text.decode()), calibrated())
+        assert mm.max() < 1e-5
+
     @pytest.mark.parametrize("packed", [True, False])
     def test_waypoints_are_corrected_against_the_kinematics_in_the_program(self, tmp_path, packed):
         model, planned = fitted("ur10"), joints_of("ur10", N)

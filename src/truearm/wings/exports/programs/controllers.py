@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import copy
+import zlib
+from collections import Counter
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import Chain, read_ur_kinematics
+from truearm.arm import Chain, chain_from_dh, read_ur_kinematics
+from truearm.arm.rigid_motions import screw_z
+from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
+from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.models import Compensator
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.program import Surroundings, inverse
+from truearm.wings.exports.programs.xml_places import Node, parse_nodes, six_numbers
 from truearm.wings.exports.targets.pose_models import reference_from_base
 
 # Joints and pose of a point have twelve decimals; another tool or other kinematics are some tenths of a millimetre off.
@@ -23,6 +30,10 @@ AGREE_MM, AGREE_DEG = 0.01, 0.005
 # A factory calibration moves the flange by some millimetres; another type of robot is some centimetres off.
 MOST_MM = 30.0
 NOMINAL = "nominal"
+GZIP = b"\x1f\x8b"
+MAX_BYTES = 200_000_000  # of the text within: programs have some MB
+_ROWS = ("deltaTheta", "a", "d", "alpha")
+Rows = tuple[tuple[float, ...], ...]
 NOT_STATED = (
     "the program does not have the kinematics of its controller: state in --frames controller = "
     '"my_robot_calibration.yaml", or "nominal" for a robot without a factory calibration'
@@ -30,19 +41,102 @@ NOT_STATED = (
 
 
 class StatedKinematics(NamedTuple):
-    """The kinematics of a UR's controller as a person states them; the chain None is that of the drawing."""
+    """The kinematics of a UR's controller as they are stated beside its program.
+
+    Attributes
+    ----------
+    is_stated : bool
+    controller : Chain, optional
+        None: those of the drawing.
+    checked : Chain, optional
+        The same, or the drawing, with which joints and poses must agree.
+    note : str
+        Where they come from, if no person stated it.
+    """
 
     is_stated: bool
-    chain: Chain | None
+    controller: Chain | None = None
+    checked: Chain | None = None
+    note: str = ""
 
     @classmethod
     def of(cls, beside: Surroundings) -> StatedKinematics:
-        """What the file of ``--frames`` states."""
+        """What the file of ``--frames`` states, or the .urp of the same name that PolyScope writes beside a script."""
         stated = beside.frames.controller
-        if stated is None or stated == NOMINAL:
-            return cls(stated is not None, None)
-        folder = Path() if beside.file is None else beside.file.parent
-        return cls(True, read_ur_kinematics(folder / stated, angles="controller").chain)
+        if stated == NOMINAL:
+            return cls(True, checked=beside.chain)
+        if stated is None and beside.file is not None:
+            program = beside.file.with_suffix(".urp")
+            chain = _chain_of_program(program) if program != beside.file and program.is_file() else None
+            return cls(chain is not None, chain, chain, f"kinematics of the controller: those of {program.name}")
+        if stated is None:
+            return cls(False)
+        path = (Path() if beside.file is None else beside.file.parent) / stated
+        if path.suffix.lower() != ".urp":
+            chain = read_ur_kinematics(path, angles="controller").chain
+        elif (found := _chain_of_program(path)) is not None:
+            chain = found
+        else:
+            raise InputError("the program has no factory calibration", file=path)
+        return cls(True, chain, chain)
+
+
+def _chain_of_program(path: Path) -> Chain | None:
+    """The kinematics of most nodes of a PolyScope program."""
+    root = parse_nodes(unpacked(read_limited(path, limit_bytes=MAX_BYTES)))
+    counted = Counter(
+        rows for node in root.walk() if node.tag.lower() == "kinematics" and (rows := calibrated_rows(node))
+    )
+    return controller_chain(counted.most_common(1)[0][0]) if counted else None
+
+
+def unpacked(data: bytes) -> bytes:
+    """The text of a PolyScope program, which is packed by gzip or bare."""
+    if not data.startswith(GZIP):
+        return data
+    unpacker = zlib.decompressobj(wbits=31)
+    try:
+        text = unpacker.decompress(data, MAX_BYTES)
+    except zlib.error as error:
+        raise InputError(f"its gzip is damaged: {error}", hint="copy the program again") from None
+    if not unpacker.eof:
+        raise InputError("its gzip ends too early, or is too large: the program is truncated", hint="copy it again")
+    return text
+
+
+def calibrated_rows(node: Node) -> Rows | None:
+    """The rows of a factory calibration; None where the node has none."""
+    if node.text("status") == "NOT_INITIALIZED":
+        return None
+    rows = [node.child(tag) for tag in _ROWS]
+    return _rows_of(tuple("" if row is None else row.text("value") for row in rows))
+
+
+@lru_cache(maxsize=64)
+def _rows_of(texts: tuple[str, ...]) -> Rows | None:
+    """Rows of a table from their texts, None if one has not six numbers."""
+    rows = [six_numbers(text, 0) for text in texts]
+    return tuple(tuple(one.value for one in row) for row in rows if row) if all(rows) else None
+
+
+def controller_chain(rows: Rows) -> Chain:
+    """The kinematics of a robot from its rows of a table in m and rad."""
+    theta, a, d, alpha = (np.array(row) for row in rows)
+    chain = chain_from_dh(a=MM_PER_M * a, d=MM_PER_M * d, alpha=alpha, theta=theta)
+    return Chain(_near_origins(chain.fixed), np.zeros(3))
+
+
+def _near_origins(fixed: FloatArray) -> FloatArray:
+    """The same chain, each joint's origin moved along its axis to the point nearest to the one before.
+
+    Between nearly parallel axes the table has lengths of up to some kilometres, which cancel.
+    """
+    moved = fixed.copy()
+    for i in range(len(moved) - 1):
+        along = screw_z(0.0, -float(moved[i][:3, 2] @ moved[i][:3, 3]))
+        moved[i] = moved[i] @ along
+        moved[i + 1] = np.linalg.inv(along) @ moved[i + 1]
+    return moved
 
 
 def disagreement(controller: Chain | None, joints: FloatArray, flange: FloatArray) -> str | None:

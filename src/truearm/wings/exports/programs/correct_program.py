@@ -104,7 +104,8 @@ def correct_program(
         known = f"a program of {', '.join(one.title for one in LANGUAGES)}"
         hint = UNREADABLE.get(path.suffix.lower(), known)
         raise InputError("the file is a program of no known language", file=path, hint=hint)
-    beside = Surroundings(path, FramesFile() if frames is None else read_document(frames, FramesFile))
+    stated = FramesFile() if frames is None else read_document(frames, FramesFile)
+    beside = Surroundings(path, stated, fitted.arm_.chain.with_tip(np.zeros(3)))
     try:
         text = language.unpacked(file)
         if MARKER.encode() in text:

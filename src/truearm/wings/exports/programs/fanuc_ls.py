@@ -68,6 +68,7 @@ class _Uses:
     """What /MN does with the points: motions to them, those that cannot be known, and what is computed from them."""
 
     motions: list[tuple[int, str, int]] = field(default_factory=list)
+    reached: set[int] = field(default_factory=set)
     problems: dict[int, str] = field(default_factory=dict)
     shifted: dict[int, int] = field(default_factory=dict)
     bases: dict[int, int] = field(default_factory=dict)
@@ -91,6 +92,7 @@ class _Uses:
                 self.left.append(LeftAlone(line, words, f"P[{number}] is shifted at run time"))
             elif motion:
                 self.motions.append((line, motion[1], number))
+                self.reached.add(number)
             elif use[2] and not statement[: use.start()].partition(":")[2].strip():
                 self.problems[number] = f"assigned at run time in line {line}"
             else:
@@ -102,7 +104,7 @@ class _Uses:
         """Why a point is not changed."""
         if number in self.problems:
             return self.problems[number]
-        if self.any_point or any(number == one for _, _, one in self.motions):
+        if self.any_point or number in self.reached:
             return None
         if number in self.shifted:
             return f"only with a shift at run time (line {self.shifted[number]})"
@@ -153,7 +155,7 @@ class FanucListing(Language):
         tracked = re.search(r"LINE_TRACK_SCHEDULE_NUMBER\s*:\s*[1-9]", text)
         targets: dict[int, Target] = {}
         left = uses.left
-        for number, point in _points(text, parts["POS"].end(), parts["END"].start()).items():
+        for number, point in _points(data, text, parts["POS"].end(), parts["END"].start()).items():
             line = line_of(data, point.start)
             reason = "of a program that tracks a conveyor" if tracked else uses.reason_against(number)
             made = _target(text, line, point, beside) if reason is None else reason
@@ -228,13 +230,13 @@ class _Block:
     group: tuple[int, int] | None
 
 
-def _points(text: str, first: int, last: int) -> dict[int, _Block]:
+def _points(data: bytes, text: str, first: int, last: int) -> dict[int, _Block]:
     """The points of /POS by their numbers."""
     found = list(_POINT.finditer(text, first, last))
     blocks: dict[int, _Block] = {}
     for one, following in zip(found, [*(each.start() for each in found[1:]), last], strict=True):
         end, number = text.find("}", one.end(), following), int(one[1])
-        line = 1 + text.count("\n", 0, one.start())
+        line = line_of(data, one.start())
         if end < 0:
             raise InputError(f"P[{number}] does not end: the program is truncated", line=line)
         if number in blocks:

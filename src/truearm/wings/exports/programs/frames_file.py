@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, Real
 from truearm.typing import FloatArray
+from truearm.wings.exports.programs.orientations import rotation_of, rotation_of_quaternion
 
 Three = tuple[Real, Real, Real]
 _QUATERNION_ROUNDED = 1e-3
@@ -53,12 +54,12 @@ class Frame(Document):
         motion = np.eye(4)
         motion[:3, 3] = self.xyz_mm
         if self.quaternion is not None:
-            motion[:3, :3] = Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix()
+            motion[:3, :3] = rotation_of_quaternion(self.quaternion)
         elif self.rotation_vector_rad is not None:
             motion[:3, :3] = Rotation.from_rotvec(self.rotation_vector_rad).as_matrix()
         elif self.abc_deg is not None or self.wpr_deg is not None:
             wpr = self.wpr_deg or (self.abc_deg or ())[::-1]
-            motion[:3, :3] = Rotation.from_euler("xyz", wpr, degrees=True).as_matrix()
+            motion[:3, :3] = rotation_of(wpr)
         return motion
 
 
@@ -79,7 +80,8 @@ class FramesFile(Document):
     tool, work : str, optional
         Those of targets that name none.
     controller : str, optional
-        Kinematics of a Universal Robots controller: its kinematics yaml, beside the program, or ``"nominal"``.
+        Kinematics of a Universal Robots controller: its kinematics yaml or a .urp of it, beside the program, or
+        ``"nominal"``.
     pulses_per_deg : tuple of float, optional
         Of a Yaskawa controller, with their signs, S to T.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Mapping
+from functools import cache
 from math import ceil, log10
 
 from truearm.wings.exports.programs.program import Language, Number, Target
@@ -12,7 +13,6 @@ from truearm.wings.exports.programs.program import Language, Number, Target
 # The unit of the last digit is at most this share of the largest change: rounding is half of that.
 _DIGIT = 0.05
 _JOINT = re.compile(r"(?:.*\.)?[ja]\d")
-_DECIMALS = re.compile(rb"\s*[+-]?\s*\d*\.?(\d*)")
 
 
 def new_numbers(language: Language, target: Target, values: Mapping[str, float]) -> dict[str, bytes]:
@@ -26,8 +26,9 @@ def new_numbers(language: Language, target: Target, values: Mapping[str, float])
         groups[_kind_of(name)].append(name)
     found = {}
     for names in groups.values():
-        decimals = max(_decimals(target.numbers[name]) for name in names)
-        change = max(abs(values[name] - target.numbers[name].value) for name in names)
+        old = [target.numbers[name] for name in names]
+        decimals = max(map(_decimals, old))
+        change = max(abs(values[name] - number.value) for name, number in zip(names, old, strict=True))
         if change > 0:
             decimals = max(decimals, min(ceil(-log10(_DIGIT * change)), language.decimals))
         for name in names:
@@ -38,6 +39,7 @@ def new_numbers(language: Language, target: Target, values: Mapping[str, float])
     return found
 
 
+@cache
 def _kind_of(name: str) -> str:
     if name.rpartition(".")[2] in ("x", "y", "z"):
         return name.rpartition(".")[0] + "position"
@@ -46,5 +48,4 @@ def _kind_of(name: str) -> str:
 
 def _decimals(number: Number) -> int:
     """Digits after the point; those of a power of ten do not count."""
-    match = _DECIMALS.match(number.text)
-    return 0 if match is None or b"e" in number.text.lower() else len(match[1])
+    return 0 if b"e" in number.text.lower() else len(number.text.rstrip().partition(b".")[2])

@@ -9,27 +9,31 @@ change. The kinematics are those of the controller, its factory calibration: tar
 from __future__ import annotations
 
 import gzip
-import re
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from truearm.arm import Chain, chain_from_dh
-from truearm.arm.rigid_motions import screw_z
-from truearm.arm.urdf_tree import MM_PER_M
-from truearm.errors import InputError
+from truearm.arm import Chain
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreement
+from truearm.wings.exports.programs.controllers import (
+    GZIP,
+    NOT_STATED,
+    Rows,
+    StatedKinematics,
+    calibrated_rows,
+    controller_chain,
+    disagreement,
+    unpacked,
+)
 from truearm.wings.exports.programs.program import (
     Edit,
     Language,
     LeftAlone,
     Move,
     MoveKind,
-    Number,
     Program,
     Surroundings,
     Target,
@@ -38,137 +42,14 @@ from truearm.wings.exports.programs.program import (
     transform,
 )
 from truearm.wings.exports.programs.urscript import JOINTS, POSE, pose_matrix, pose_numbers
+from truearm.wings.exports.programs.xml_places import Node, parse_nodes
 
-_MAGIC = b"\x1f\x8b"
-MAX_BYTES = 200_000_000  # of the text within: programs have some MB
-_TAG = re.compile(
-    r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>"
-    r"|<(/?)([\w.:-]+)((?:\s+[\w.:-]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*)\s*(/?)>",
-    re.DOTALL,
-)
-_ATTRIBUTE = re.compile(r"([\w.:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_STEP = re.compile(r"([\w.:-]+)(?:\[(\d+)\])?")
-_ROWS = ("deltaTheta", "a", "d", "alpha")
-Rows = tuple[tuple[float, ...], ...]
+_LEVEL = 6
 _TYPES = {
     "Variable": "its place is a variable",
     "Relative": "it is relative to where the arm is",
 }
 _KINDS: dict[str, MoveKind] = {"MoveJ": "joint", "MoveL": "linear", "MoveP": "linear"}
-
-
-@dataclass(eq=False)
-class Node:
-    """An element: its attributes with their places, and its children."""
-
-    tag: str
-    start: int
-    parent: Node | None
-    attributes: dict[str, tuple[int, str]] = field(default_factory=dict)
-    children: list[Node] = field(default_factory=list)
-
-    def walk(self) -> Iterator[Node]:
-        """Yield the element and all below it, in the order of the text."""
-        waiting = [self]
-        while waiting:
-            node = waiting.pop()
-            yield node
-            waiting += reversed(node.children)
-
-    def child(self, tag: str) -> Node | None:
-        """The first child of a name; if it refers to an earlier node, that one."""
-        found = next((one for one in self.children if one.tag == tag), None)
-        return None if found is None else found.resolved()
-
-    def resolved(self) -> Node | None:
-        """The node, or the earlier one that it refers to (XStream's relative path); None if there is none."""
-        if "reference" not in self.attributes:
-            return self
-        node: Node | None = self
-        for step in self.attributes["reference"][1].split("/"):
-            if node is None:
-                return None
-            if step == "..":
-                node = node.parent
-                continue
-            named = _STEP.fullmatch(step)
-            same = [one for one in node.children if named and one.tag == named[1]]
-            k = int(named[2] or 1) if named else 0
-            node = same[k - 1] if 0 < k <= len(same) else None
-        return None if node is None or node.start >= self.start else node.resolved()  # earlier ones only: no circle
-
-    def inside(self, tag: str) -> bool:
-        """Whether an element of a name is around it."""
-        return self.parent is not None and (self.parent.tag == tag or self.parent.inside(tag))
-
-    def text(self, name: str) -> str:
-        """An attribute, empty without it."""
-        return self.attributes.get(name, (0, ""))[1]
-
-    def numbers(self, name: str) -> list[Number] | None:
-        """The six numbers of an attribute."""
-        start, text = self.attributes.get(name, (0, ""))
-        parts = text.split(",")
-        found = [
-            Number(start + one.start(), start + one.end(), one[0].encode("ascii")) for one in _NUMBER.finditer(text)
-        ]
-        whole = len(parts) == 6 and all(_NUMBER.fullmatch(part.strip()) for part in parts)
-        return found if whole else None
-
-
-def parse_nodes(data: bytes) -> Node:
-    """The elements of an XML text with their places. No entity is expanded, no file read.
-
-    Raises
-    ------
-    InputError
-        If an element does not end: the program is truncated.
-    """
-    text = data.decode("latin-1")
-    root = Node("", 0, None)
-    node = root
-    for found in _TAG.finditer(text):
-        if found[2] is None:
-            continue
-        if found[1]:
-            if node.parent is None or node.tag != found[2]:
-                raise InputError(f"</{found[2]}> ends no open element", line=line_of(data, found.start()))
-            node = node.parent
-            continue
-        made = Node(found[2], found.start(), node)
-        for one in _ATTRIBUTE.finditer(text, found.start(3), found.end(3)):
-            group = 2 if one[2] is not None else 3
-            made.attributes[one[1]] = (one.start(group), one[group])
-        node.children.append(made)
-        if not found[4]:
-            node = made
-    if node is not root or not root.children:
-        raise InputError(
-            f"<{node.tag}> does not end: the program is truncated" if node is not root else "it has no element",
-            line=line_of(data, node.start),
-        )
-    return root
-
-
-def controller_chain(rows: Rows) -> Chain:
-    """The kinematics of a robot from its rows of a table in m and rad."""
-    theta, a, d, alpha = (np.array(row) for row in rows)
-    chain = chain_from_dh(a=MM_PER_M * a, d=MM_PER_M * d, alpha=alpha, theta=theta)
-    return Chain(_near_origins(chain.fixed), np.zeros(3))
-
-
-def _near_origins(fixed: FloatArray) -> FloatArray:
-    """The same chain, each joint's origin moved along its axis to the point nearest to the one before.
-
-    Between nearly parallel axes the table has lengths of up to some kilometres, which cancel.
-    """
-    moved = fixed.copy()
-    for i in range(len(moved) - 1):
-        along = screw_z(0.0, -float(moved[i][:3, 2] @ moved[i][:3, 3]))
-        moved[i] = moved[i] @ along
-        moved[i + 1] = np.linalg.inv(along) @ moved[i + 1]
-    return moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,21 +69,18 @@ class _Reader:
         self.stated = StatedKinematics.of(beside)
         self.waypoints = [node for node in self.root.walk() if node.tag == "Waypoint"]
         self.of_program = next(
-            (one for one in self.root.walk() if one.tag.lower() == "kinematics" and not one.inside("Waypoint")), None
+            (one for one in self.root.walk() if one.tag == "kinematics" and not one.inside("Waypoint")), None
         )
         self.keys = {node: key for node in self.waypoints if (key := self._kinematics(node)) is not None}
         counted = Counter(self.keys.values())
         self.key = counted.most_common(1)[0][0] if counted else None
-        self.chain = self.stated.chain if self.key is None else controller_chain(self.key)
+        self.chain = self.stated.controller if self.key is None else controller_chain(self.key)
 
     def _kinematics(self, waypoint: Node) -> Rows | None:
         """The calibrated kinematics that a waypoint was taught with, None without them."""
         position = waypoint.child("position")
         node = (position and position.child("Kinematics")) or self.of_program
-        if node is None or node.text("status") == "NOT_INITIALIZED":
-            return None
-        rows = [None if (row := node.child(tag)) is None else row.numbers("value") for tag in _ROWS]
-        return tuple(tuple(one.value for one in row) for row in rows if row) if all(rows) else None
+        return None if node is None else calibrated_rows(node)
 
     def target(self, node: Node) -> Target | str:
         """The target of a waypoint, or why it is not changed."""
@@ -327,25 +205,16 @@ class PolyScope(Language):
 
     def unpacked(self, data: bytes) -> bytes:
         """See `Language`."""
-        if not data.startswith(_MAGIC):
-            return data
-        unpacker = zlib.decompressobj(wbits=31)
-        try:
-            text = unpacker.decompress(data, MAX_BYTES)
-        except zlib.error as error:
-            raise InputError(f"its gzip is damaged: {error}", hint="copy the program again") from None
-        if not unpacker.eof:
-            raise InputError("its gzip ends too early, or is too large: the program is truncated", hint="copy it again")
-        return text
+        return unpacked(data)
 
     def packed(self, text: bytes, file: bytes) -> bytes:
         """See `Language`."""
-        return gzip.compress(text, mtime=0) if file.startswith(_MAGIC) else text
+        return gzip.compress(text, _LEVEL, mtime=0) if file.startswith(GZIP) else text
 
 
 def _beginning(data: bytes) -> bytes:
     """The first bytes of a program's text."""
-    if not data.startswith(_MAGIC):
+    if not data.startswith(GZIP):
         return data[:4096]
     try:
         return zlib.decompressobj(wbits=31).decompress(data, 4096)

@@ -156,10 +156,21 @@ class Program:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What is beside a program: its file, for files of the same backup, and the frames that a person states."""
+    """What is beside a program.
+
+    Attributes
+    ----------
+    file : Path, optional
+        Of the program, for files of the same backup.
+    frames : FramesFile
+        What a person states.
+    chain : Chain, optional
+        The drawing of the model's arm, to its flange.
+    """
 
     file: Path | None = None
     frames: FramesFile = field(default_factory=FramesFile)
+    chain: Chain | None = None
 
 
 class Language(ABC):

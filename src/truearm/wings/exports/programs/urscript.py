@@ -11,16 +11,17 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import atan2, cos, dist, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreement
+from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
     Edit,
     Language,
@@ -39,6 +40,7 @@ from truearm.wings.exports.programs.program import (
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _LIST = re.compile(rf"(p?)\[\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{5}})\s*\]")
+_AFTER = re.compile(r"[ \t]*(?:[\r\n,)]|\Z)")
 _HIDDEN = re.compile(r"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'")
 _ASSIGNED = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*(\[[^\]\n]*\])?\s*=(?!=)\s*")
 _CALL = re.compile(r"(?<![\w.])(move[jlpc]|servo[jc]|set_tcp)\s*\(")
@@ -60,6 +62,7 @@ class _Literal(NamedTuple):
     """A list of six numbers: where it stands, and whether it is a pose."""
 
     start: int
+    end: int
     is_pose: bool
     numbers: tuple[Number, ...]
 
@@ -77,7 +80,7 @@ def _literal(text: str, start: int, end: int | None = None) -> _Literal | None:
         Number(one.start(), one.end(), one[0].encode("ascii"))
         for one in re.compile(_NUMBER).finditer(text, found.start(2), found.end(2))
     ]
-    return _Literal(found.start(), bool(found[1]), tuple(numbers))
+    return _Literal(found.start(), found.end(), bool(found[1]), tuple(numbers))
 
 
 def _arguments(text: str, start: int) -> list[tuple[int, int]] | None:
@@ -148,11 +151,11 @@ class _Reader:
         variables: dict[str, list[_Literal]] = defaultdict(list)
         problems: dict[str, str] = {}
         for found in _ASSIGNED.finditer(self.code):
-            line_end = re.compile(r"[\r\n,)]|\Z").search(self.code, found.end())
-            assert line_end is not None
-            literal = None if found[2] else _literal(self.code, found.end())
-            if literal is None:
-                problems.setdefault(found[1], f"computed in line {line_of(self.data, found.start())}")
+            begins_list = self.code.startswith(("[", "p"), found.end()) and not found[2]
+            literal = _literal(self.code, found.end()) if begins_list else None
+            if literal is None or not _AFTER.match(self.code, literal.end):
+                if found[1] not in problems:
+                    problems[found[1]] = f"computed in line {line_of(self.data, found.start())}"
             else:
                 variables[found[1]].append(literal)
         return variables, problems
@@ -229,7 +232,7 @@ class _Reader:
                 before = next(iter(use.near.values()))
             made: Target | str = NOT_STATED
             if stated.is_stated:
-                made = use.target(self.line(start), before, tool, reason, stated.chain)
+                made = use.target(self.line(start), before, tool, reason, stated.checked)
             yield start, LeftAlone(self.line(start), use.name, made, is_literal=True) if isinstance(made, str) else made
 
     def _tool(self, beside: Surroundings) -> tuple[FloatArray | None, str]:
@@ -256,16 +259,20 @@ class _Reader:
 
 def pose_matrix(numbers: Sequence[float]) -> FloatArray:
     """(4, 4) rigid motion [mm] of x, y, z [m] and a rotation vector [rad]."""
-    return transform(Rotation.from_rotvec(numbers[3:]).as_matrix(), [MM_PER_M * one for one in numbers[:3]])
+    angle = hypot(*numbers[3:])
+    share = sin(angle / 2) / angle if angle else 0.5
+    R = rotation_of_quaternion([cos(angle / 2), *(share * one for one in numbers[3:])])
+    return transform(R, [MM_PER_M * one for one in numbers[:3]])
 
 
 def pose_numbers(T: FloatArray, old: Sequence[float]) -> list[float]:
     """x, y, z [m] and rotation vector [rad] of a rigid motion [mm]: of all vectors the one nearest to the old one."""
-    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
-    angle = float(np.linalg.norm(turn)) or 1.0
-    vectors = [turn * (1 + 2 * np.pi * k / angle) for k in (0, -1, 1)]
-    nearest = min(vectors, key=lambda one: float(np.linalg.norm(one - old[3:])))
-    return [*(T[:3, 3] / MM_PER_M).tolist(), *nearest.tolist()]
+    w, *v = quaternion_of(T[:3, :3], (1.0, 0.0, 0.0, 0.0))
+    sine = hypot(*v)
+    angle = 2 * atan2(sine, w)
+    vectors = [[one * (angle + 2 * pi * k) / sine for one in v] if sine else v for k in (0, -1, 1)]
+    nearest = min(vectors, key=lambda one: dist(one, old[3:]))
+    return [*(T[:3, 3] / MM_PER_M).tolist(), *nearest]
 
 
 class URScript(Language):
@@ -286,7 +293,6 @@ class URScript(Language):
         reader = _Reader(data)
         reader.read()
         stated = StatedKinematics.of(beside)
-        controller = stated.chain
         found = dict(reader.targets(beside, stated))
         targets = {start: one for start, one in found.items() if isinstance(one, Target)}
         order = {start: k for k, start in enumerate(targets)}
@@ -296,8 +302,8 @@ class URScript(Language):
             tuple(targets.values()),
             tuple(sorted(left)),
             tuple(Move(line, kind, order.get(start)) for line, kind, start in reader.moves),
-            tuple(reader.notes()),
-            controller,
+            (*reader.notes(), *filter(None, [stated.note if stated.is_stated else ""])),
+            stated.controller,
         )
 
     def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:

@@ -1,0 +1,116 @@
+"""Elements of an XML text with the places of their attributes, so that only those bytes need to change."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from truearm.errors import InputError
+from truearm.wings.exports.programs.program import Number, line_of
+
+_TAG = re.compile(
+    r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>"
+    r"|<(/?)([\w.:-]+)((?:\s+[\w.:-]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*)\s*(/?)>",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(r"([\w.:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_SIX = re.compile(rf"\s*({_NUMBER})\s*" + rf",\s*({_NUMBER})\s*" * 5)
+_STEP = re.compile(r"([\w.:-]+)(?:\[(\d+)\])?")
+
+
+@dataclass(eq=False)
+class Node:
+    """An element: its attributes with their places, and its children."""
+
+    tag: str
+    start: int
+    parent: Node | None
+    attributes: dict[str, tuple[int, str]] = field(default_factory=dict)
+    children: list[Node] = field(default_factory=list)
+
+    def walk(self) -> Iterator[Node]:
+        """Yield the element and all below it, in the order of the text."""
+        waiting = [self]
+        while waiting:
+            node = waiting.pop()
+            yield node
+            waiting += reversed(node.children)
+
+    def child(self, tag: str) -> Node | None:
+        """The first child of a name; if it refers to an earlier node, that one."""
+        found = next((one for one in self.children if one.tag == tag), None)
+        return None if found is None else found.resolved()
+
+    def resolved(self) -> Node | None:
+        """The node, or the earlier one that it refers to (XStream's relative path); None if there is none."""
+        if "reference" not in self.attributes:
+            return self
+        node: Node | None = self
+        for step in self.attributes["reference"][1].split("/"):
+            if node is None:
+                return None
+            if step == "..":
+                node = node.parent
+                continue
+            named = _STEP.fullmatch(step)
+            same = [one for one in node.children if named and one.tag == named[1]]
+            k = int(named[2] or 1) if named else 0
+            node = same[k - 1] if 0 < k <= len(same) else None
+        return None if node is None or node.start >= self.start else node.resolved()  # earlier ones only: no circle
+
+    def inside(self, tag: str) -> bool:
+        """Whether an element of a name is around it."""
+        return self.parent is not None and (self.parent.tag == tag or self.parent.inside(tag))
+
+    def text(self, name: str) -> str:
+        """An attribute, empty without it."""
+        return self.attributes.get(name, (0, ""))[1]
+
+    def numbers(self, name: str) -> list[Number] | None:
+        """The six numbers of an attribute."""
+        start, text = self.attributes.get(name, (0, ""))
+        return six_numbers(text, start)
+
+
+def six_numbers(text: str, start: int) -> list[Number] | None:
+    """Six numbers between commas, in a text that begins at a place; None if there is anything else."""
+    parts = _SIX.fullmatch(text)
+    if parts is None:
+        return None
+    return [Number(start + parts.start(i), start + parts.end(i), parts[i].encode("ascii")) for i in range(1, 7)]
+
+
+def parse_nodes(data: bytes) -> Node:
+    """The elements of an XML text with their places. No entity is expanded, no file read.
+
+    Raises
+    ------
+    InputError
+        If an element does not end: the program is truncated.
+    """
+    text = data.decode("latin-1")
+    root = Node("", 0, None)
+    node = root
+    for found in _TAG.finditer(text):
+        if found[2] is None:
+            continue
+        if found[1]:
+            if node.parent is None or node.tag != found[2]:
+                raise InputError(f"</{found[2]}> ends no open element", line=line_of(data, found.start()))
+            node = node.parent
+            continue
+        made = Node(found[2], found.start(), node)
+        for one in _ATTRIBUTE.finditer(text, found.start(3), found.end(3)):
+            group = 2 if one[2] is not None else 3
+            made.attributes[one[1]] = (one.start(group), one[group])
+        node.children.append(made)
+        if not found[4]:
+            node = made
+    if node is not root or not root.children:
+        raise InputError(
+            f"<{node.tag}> does not end: the program is truncated" if node is not root else "it has no element",
+            line=line_of(data, node.start),
+        )
+    return root
