@@ -146,6 +146,7 @@ TASKS: dict[str, tuple[str, str]] = {
         "plan PlanResult plan_check CheckPlan simulate SimulationResult rehearse VirtualArm",
         "planning virtual-arm",
     ),
+    "Measure with a camera": ("draw_board BoardSheet", "camera"),
     "Identify": (
         (
             "fit FitResult refit RefitResult KinematicModel PhysicalModel HybridModel NetworkModel NominalModel Term "

@@ -40,6 +40,8 @@ from truearm.wings.bench.sources import StandstillRule as StandstillRule
 from truearm.wings.bench.sources import open_source as open_source
 from truearm.wings.camera.hand_eye import HandEyeResult as HandEyeResult
 from truearm.wings.camera.hand_eye import hand_eye as hand_eye
+from truearm.wings.camera.sheets import BoardSheet as BoardSheet
+from truearm.wings.camera.sheets import draw_board as draw_board
 from truearm.wings.exports.correct import CorrectedTargets as CorrectedTargets
 from truearm.wings.exports.correct import correct as correct
 from truearm.wings.exports.export import ExportCheck as ExportCheck

@@ -3,5 +3,8 @@
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES: dict[str, tuple[str, ...]] = {
     "hand_eye": ("HandEyeResult", "hand_eye"),
+    "sheets": ("BoardSheet", "draw_board"),
 }
-COMMANDS: dict[str, str] = {}
+COMMANDS: dict[str, str] = {
+    "board": "board_command:board",
+}

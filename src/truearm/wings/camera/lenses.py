@@ -192,8 +192,7 @@ class Lens:
                 found = found - step * np.minimum(1.0, longest / np.maximum(np.hypot(*step), 1e-300))
         with np.errstate(invalid="ignore", over="ignore"):
             missed = ~(np.abs(self._distorted(found)[0] - wanted) < 1e-9).all(axis=0)
-        found[:, missed] = np.nan
-        return found
+        return np.where(missed, np.nan, found)
 
     def _projected(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """Pixels, distorted directions, their derivatives by direction and coefficients, and 1 / z."""
@@ -204,7 +203,7 @@ class Lens:
         return pixels, distorted, by_normal, by_coefficient, inverse
 
     def _distorted(self, normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return (_brown if self.kind == "brown" else _fisheye)(normal, np.asarray(self.coefficients))
+        return (_brown if self.kind == "brown" else _fisheye)(normal, np.asarray(self.coefficients, dtype=float))
 
 
 def _brown(normal: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

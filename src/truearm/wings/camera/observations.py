@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from truearm.wings.camera.lenses import LARGEST_PX
 
 NUMBERS = ("reading", "corner", "u_px", "v_px")
 NAMES = ("image", "camera", "board")
-COLUMNS = ("reading", "image", "camera", "board", "corner", "u_px", "v_px")
+FIELDS = ("reading", *NAMES, "corner", "pixels")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +58,8 @@ class PixelObservations:
     file: Path | None = None
 
     def __post_init__(self) -> None:
-        for name, kind in (("reading", np.intp), ("corner", np.intp), *((name, np.str_) for name in NAMES)):
-            values = np.asarray(getattr(self, name), dtype=kind)
+        for name in ("reading", "corner", *NAMES):
+            values = np.asarray(getattr(self, name), dtype=np.str_ if name in NAMES else np.intp)
             if values.shape != (len(self),):
                 raise InputError(f"expected one {name} for each of {len(self)} pixels, got shape {values.shape}")
             object.__setattr__(self, name, values)
@@ -82,14 +83,14 @@ class PixelObservations:
 
     def rows(self, chosen: BoolArray | IntArray) -> PixelObservations:
         """Some of the rows."""
-        parts = (self.reading, self.image, self.camera, self.board, self.corner, self.pixels)
-        return PixelObservations(*(part[chosen] for part in parts), file=self.file)
+        parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in FIELDS}
+        return replace(self, **parts)
 
     @classmethod
     def joined(cls, parts: Sequence[PixelObservations]) -> PixelObservations:
         """The rows of several observations."""
-        fields = ("reading", "image", "camera", "board", "corner", "pixels")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+        columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS}
+        return cls(**columns)
 
     def check_readings(self, n: int) -> None:
         """Check that the rows are of `n` readings.
@@ -112,7 +113,6 @@ class PixelObservations:
         self._refuse(self.reading < 1, "expected the number of a reading, counted from 1, got {}", "reading")
         for name in NAMES:
             self._refuse(getattr(self, name) == "", f"expected the name of the {name}, got an empty cell", name)
-            # An image that was turned or cropped lies outside the sensor; farther than that it is no pixel.
         for k, name in enumerate(("u_px", "v_px")):
             values = self.pixels[:, k]
             absurd = ~(np.abs(values) <= LARGEST_PX)
@@ -137,8 +137,9 @@ class PixelObservations:
         row = int(np.argmax(bad))
         got = np.asarray(getattr(self, column) if values is None else values)[row]
         text = quoted_cell(str(got)) if isinstance(got, str) else f"{got:g}"
-        where = {"line": row + 2} if self.file is not None else {"row": f"row {row + 1}"}
-        raise InputError(problem.format(text), file=self.file, column=column, **where)  # type: ignore[arg-type]
+        line = None if self.file is None else row + 2
+        where = f"row {row + 1}" if line is None else None
+        raise InputError(problem.format(text), file=self.file, line=line, row=where, column=column)
 
 
 def read_pixels(path: str | Path) -> PixelObservations:
