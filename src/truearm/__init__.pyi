@@ -38,6 +38,8 @@ from truearm.wings.bench.sources import Sample as Sample
 from truearm.wings.bench.sources import Source as Source
 from truearm.wings.bench.sources import StandstillRule as StandstillRule
 from truearm.wings.bench.sources import open_source as open_source
+from truearm.wings.camera.fit_images import ImageFit as ImageFit
+from truearm.wings.camera.fit_images import fit_images as fit_images
 from truearm.wings.camera.hand_eye import HandEyeResult as HandEyeResult
 from truearm.wings.camera.hand_eye import hand_eye as hand_eye
 from truearm.wings.camera.sheets import BoardSheet as BoardSheet

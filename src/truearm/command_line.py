@@ -28,7 +28,7 @@ from truearm.verbs.signature import Group
 GROUPS = {
     "Start": ("demo", "arms", "docs", "fetch"),
     "Measure": ("plan", "simulate", "board", "corners", "sources", "record", "live", "import", "split"),
-    "Identify and correct": ("fit", "refit", "predict", "correct", "export"),
+    "Identify and correct": ("fit", "fit-images", "refit", "predict", "correct", "export"),
     "Judge": ("evaluate", "compare", "report"),
     "Verify in a laboratory": ("verify", "task", "measure", "check", "certificate"),
     "Many arms, and the paper": ("fleet", "reproduce"),

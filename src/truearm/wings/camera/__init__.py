@@ -2,9 +2,11 @@
 
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES: dict[str, tuple[str, ...]] = {
+    "fit_images": ("ImageFit", "fit_images"),
     "hand_eye": ("HandEyeResult", "hand_eye"),
     "sheets": ("BoardSheet", "draw_board"),
 }
 COMMANDS: dict[str, str] = {
     "board": "board_command:board",
+    "fit-images": "fit_images_command:fit_images",
 }

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.wings.camera.lenses import Lens
 
 # Corners that determine a pose (6 numbers of 8) and leave something to judge it by.
@@ -92,7 +92,7 @@ class Images:
         u = np.append(np.minimum(self.u_intrinsics, wide), self.u_scale)[self.free]
         return np.asarray((self.units / u) ** 2)
 
-    def rows(self, which: BoolArray) -> Images:
+    def rows(self, which: BoolArray | IntArray) -> Images:
         """Some of the images."""
         return replace(self, pixels=self.pixels[which])
 

@@ -1,0 +1,265 @@
+"""Arm, camera and board from corners: the compressed form against all pixels, planted truth, mistakes by name."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import truearm as ta
+from truearm.errors import InputError
+from truearm.identification.references.reading_references import poses_of
+from truearm.wings.camera.fit_images import ImageFit, fit_images
+from truearm.wings.camera.image_poses import ImagePoses
+from truearm.wings.camera.images import Images, adjust, first_poses, linearise
+from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera
+from truearm.wings.camera.observations import PixelObservations
+from truearm.wings.camera.virtual_cell import VirtualCell, small_cell
+
+N = 40
+# Share of 200 new poses in the stated 95 % regions of one arm: they share its camera and its size, and so their errors.
+LEAST_COVERED = 0.8
+
+
+@cache
+def measured(in_hand: bool = False) -> tuple[VirtualCell, ta.Session, PixelObservations]:
+    cell = small_cell("ur5", seed=1, in_hand=in_hand)
+    return cell, *cell.table(N, seed=5)
+
+
+@cache
+def fitted(in_hand: bool = False) -> ImageFit:
+    cell, session, pixels = measured(in_hand)
+    return fit_images("ur5", session, pixels, board=cell.board, eye_in_hand=in_hand, model="kinematic")
+
+
+def changed(pixels: PixelObservations, reading: int | None, corners: np.ndarray) -> PixelObservations:
+    """The pixels with other numbers of the corners, `corners` of those from 0, in one image or in all."""
+    own = np.ones(len(pixels), bool) if reading is None else pixels.reading == reading
+    return replace(pixels, corner=np.where(own, corners[pixels.corner], pixels.corner))
+
+
+@pytest.mark.parametrize("in_hand", [False, True])
+def test_six_residuals_an_image_have_the_equations_of_all_its_pixels(in_hand):
+    """Of the tip, the turn of the flange, and what all images share; the arm has no errors of its own."""
+    cell, session, _ = measured(in_hand)
+    seen = cell.measure(6, seed=3, std_px=0.2)
+    of = Images(cell.board.points - cell.middle, seen.pixels, cell.lens, np.full(9, 5.0), 0.002)
+    adjusted = adjust(of, *first_poses(of))
+    depth = 400.0 if in_hand else 0.0
+    rows = np.arange(6)
+    poses = ImagePoses(
+        readings=session.rows(rows), rows=rows, images=of, adjusted=adjusted, is_in_hand=in_hand, depth_mm=depth
+    )
+    reference = poses_of(poses.session())
+    assert reference is not None
+    axes = reference.R_reference_flange.transpose(1, 2, 0)
+    x = np.zeros(len(of.units))
+    at = reference.linearised(reference.points.T, x, slice(None), axes)
+    assert np.abs(at.residuals).max() < 1e-9  # mm
+    J = np.concatenate([at.by_tip, at.by_turn, at.by_unknown], axis=1) / reference.std[:, None]
+    compressed = np.einsum("kam,kbm->ab", J, J)
+    known = reference.constraints(x)
+    compressed[6:, 6:] += known.by_unknown.T @ known.by_unknown
+
+    plain = linearise(of, adjusted.R, adjusted.t, adjusted.unknowns)
+    length = np.linalg.norm(plain.residuals.reshape(6, 2, -1), axis=1) / np.sqrt(2)
+    weights = np.repeat(np.sqrt(np.minimum(1, 3 * adjusted.std_px / np.maximum(length, 1e-9)))[:, None], 2, axis=1)
+    rows_of = weights.reshape(6, -1, 1) / adjusted.std_px
+    by_tip, by_turn = plain.by_pose[:, :, :3], plain.by_pose[:, :, 3:]
+    if in_hand:  # a tip that moves by d in the board moves the board by -R d in the camera
+        R, apart = adjusted.R, poses.centre - adjusted.t
+        # p = R^T (c - t): dt = -R dp - (c - t) x (R w), turn of the board -R w
+        cross = -np.cross(apart[:, None, :], R.transpose(0, 2, 1)).transpose(0, 2, 1)
+        by_tip, by_turn = -plain.by_pose[:, :, :3] @ R, plain.by_pose[:, :, :3] @ cross - plain.by_pose[:, :, 3:] @ R
+    whole = np.concatenate([by_tip, by_turn, plain.by_unknown], axis=2) * rows_of
+    expected = np.einsum("nka,nkb->ab", whole, whole)
+    expected[6:, 6:] += np.diag(of.precision)
+    size = np.sqrt(np.diag(expected))
+    # An arm without errors counts as one of a nanometre, beside 10 um of a position.
+    assert np.allclose(compressed / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
+
+
+@pytest.mark.parametrize("in_hand", [False, True])
+def test_arm_camera_and_board_are_found_within_their_uncertainty(in_hand):
+    cell, found = measured(in_hand)[0], fitted(in_hand)
+    assert found.n_used == N
+    test = cell.poses(200, seed=11)
+    T = cell.T_camera_board(test, cell.virtual.motions(test))
+    true = (np.linalg.inv(T) @ np.append(found.poses.centre, 1.0))[:, :3] if in_hand else T[:, :3, 3]
+    tips, covariance = found.fitted.model.predict(test, return_cov=True)
+    squares = np.einsum("ni,nij,nj->n", tips - true, np.linalg.inv(covariance), tips - true)
+    assert (squares < 7.815).mean() >= LEAST_COVERED  # chi-squared, 95 % of three coordinates
+    off = (cell.lens.intrinsics - found.lens.intrinsics) / found.poses.images.units[:9]
+    known = found.unknowns_covariance[:9, :9]
+    assert off @ np.linalg.solve(known, off) < 28  # chi-squared of 9: once in a thousand
+    assert abs(found.board_scale - 1) < 3 * found.u_intrinsics[-1]
+    nominal = found.fitted.nominal.predict(test)
+    assert rest(tips, true, T) < 0.4 * rest(nominal, true, T)
+
+
+def rest(tips: np.ndarray, true: np.ndarray, T: np.ndarray) -> float:
+    """Mean distance of tips from the true ones, after the best base and tip."""
+    R = T[:, :3, :3]
+    axes = np.stack([np.cross(axis, tips) for axis in np.eye(3)], axis=2) / 1000
+    J = np.concatenate([np.tile(np.eye(3), (len(tips), 1, 1)), axes, R, R.transpose(0, 2, 1)], axis=2).reshape(-1, 12)
+    y = (true - tips).ravel()
+    return float(np.linalg.norm((y - J @ np.linalg.lstsq(J, y, rcond=None)[0]).reshape(-1, 3), axis=1).mean())
+
+
+def test_a_model_is_saved_and_predicts_as_ever(tmp_path):
+    cell, found = measured()[0], fitted()
+    found.fitted.save(tmp_path / "cell.truearm")
+    angles = cell.poses(5, seed=3)
+    one, two = (
+        model.predict(angles, return_cov=True)
+        for model in (ta.load_model(tmp_path / "cell.truearm"), found.fitted.model)
+    )
+    assert np.array_equal(one[0], two[0])
+    assert np.array_equal(one[1], two[1])
+
+
+def test_stated_intrinsics_are_kept_or_contradicted():
+    cell, session, pixels = measured()
+    kept = fit_images("ur5", session, pixels, board=cell.board, camera=cell.lens, u_camera_px=0.0, model="kinematic")
+    assert np.array_equal(kept.lens.intrinsics, cell.lens.intrinsics)
+    assert not kept.u_intrinsics[:-1].any()
+    of = cell.lens
+    wrong = Lens(1280, 1024, 1.02 * of.fx, 1.02 * of.fy, of.cx, of.cy, "brown", of.coefficients)
+    with pytest.raises(InputError, match=r"contradict the stated camera: f. is 1[34]\d\d\.\d px .* stated 14[23]\d"):
+        fit_images("ur5", session, pixels, board=cell.board, camera=wrong, u_camera_px=0.0, model="kinematic")
+    free = fit_images("ur5", session, pixels, board=cell.board, camera=wrong, model="kinematic")
+    assert abs(free.lens.fx - of.fx) < 4 * free.u_intrinsics[0]
+    doubted = fit_images("ur5", session, pixels, board=cell.board, camera=wrong, u_camera_px=5.0, model="kinematic")
+    assert any("contradict the stated camera" in str(one) for one in doubted.findings)
+
+
+def test_a_board_that_is_printed_too_large_is_found():
+    cell, session, pixels = measured()
+    # 0.3 % of a stated size is 1.5 times its standard uncertainty of 0.2 %.
+    stated = replace(cell.board, points=cell.board.points / 1.003)
+    found = fit_images("ur5", session, pixels, board=stated, model="kinematic")
+    assert abs(found.board_scale - 1.003) < 3 * found.u_intrinsics[-1] < 0.002
+    assert any("times its stated size" in str(one) for one in found.findings)
+    with pytest.raises(InputError, match="all lengths of the arm are"):
+        fit_images("ur5", session, pixels, board=replace(stated, u_scale=0.0), model="kinematic")
+
+
+def swapped(a: int, b: int) -> np.ndarray:
+    corners = np.arange(88)
+    corners[[a, b]] = b, a
+    return corners
+
+
+@pytest.mark.parametrize(
+    ("reading", "corners", "said"),
+    [
+        (7, swapped(30, 31), "Corners 30 and 31 are exchanged"),
+        (None, swapped(30, 31), "Corners 30 and 31 are exchanged"),
+        (7, np.arange(88)[::-1], "half turned about its z axis: reading 7"),
+    ],
+    ids=["in one image", "in all", "board half turned"],
+)
+def test_exchanged_corners_are_named(reading, corners, said):
+    cell, session, pixels = measured()
+    found = fit_images("ur5", session, changed(pixels, reading, corners), board=cell.board, model="kinematic")
+    assert said in " ".join(map(str, found.findings))
+    assert abs(found.lens.fx - cell.lens.fx) < 4 * found.u_intrinsics[0]
+
+
+def test_a_board_that_moved_in_one_image_is_a_gross_error():
+    cell, session, pixels = measured()
+    own = pixels.reading == 7
+    middle = pixels.pixels[own].mean(axis=0)
+    moved = np.where(own[:, None], 1.05 * (pixels.pixels - middle) + middle + [30, 10], pixels.pixels)
+    found = fit_images("ur5", session, replace(pixels, pixels=moved), board=cell.board, model="kinematic")
+    assert [one.name for one in found.fitted.outliers if one.is_excluded] == ["reading 7"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (np.roll(np.arange(N), 1), "robot and camera turn differently"),
+        (np.r_[1, 0, 2:N], None),
+    ],
+    ids=["shifted", "two exchanged"],
+)
+def test_images_of_other_poses_are_named(rows, said):
+    cell, session, pixels = measured()
+    if said:
+        with pytest.raises(InputError, match=said):
+            fit_images("ur5", session.rows(rows), pixels, board=cell.board, model="kinematic")
+        return
+    found = fit_images("ur5", session.rows(rows), pixels, board=cell.board, model="kinematic")
+    assert found.n_used == N - 2
+    assert "exchanged among these" in " ".join(map(str, found.findings))
+
+
+def test_the_camera_is_not_where_it_is_stated():
+    cell, session, pixels = measured()
+    with pytest.raises(InputError, match="camera"):
+        fit_images("ur5", session, pixels, board=cell.board, eye_in_hand=True, model="kinematic")
+
+
+def test_a_bar_in_seats_beside_the_images_gives_the_size():
+    cell, session, pixels = measured()
+    touched = ta.simulate("ur5", poses=30, strategy="seat", seats=1, bars=2, seed=9, arm_seed=1)
+    seats = touched.session
+    both = ta.Session(
+        np.vstack([session.angles, seats.angles]),
+        seat=np.concatenate([np.full(N, ""), seats.seat]),
+        tip=np.repeat(["board", "ball"], [N, len(seats)]),
+    )
+    stated = replace(cell.board, points=cell.board.points / 1.003)
+    found = fit_images("ur5", both, pixels, board=stated, lengths=touched.lengths, model="kinematic")
+    alone = fit_images("ur5", session, pixels, board=stated, model="kinematic")
+    assert found.u_intrinsics[-1] < 0.6 * alone.u_intrinsics[-1]
+    assert abs(found.board_scale - 1.003) < 3 * found.u_intrinsics[-1]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda of: replace(of, reading=of.reading + 1), "expected readings 1 to 40"),
+        (lambda of: replace(of, corner=of.corner + 1), "has no corner 88"),
+        (lambda of: replace(of, board=np.where(of.reading > 9, "A", "B")), "the pixels of one board"),
+        (lambda of: of.rows(of.reading < 4), "4 or more images"),
+        (lambda of: replace(of, reading=np.where(of.reading == 2, 1, of.reading)), "one image a reading"),
+    ],
+    ids=["reading", "corner", "boards", "few", "two images"],
+)
+def test_pixels_that_do_not_fit_are_refused(change, said):
+    cell, session, pixels = measured()
+    with pytest.raises(InputError, match=said):
+        fit_images("ur5", session, change(pixels), board=cell.board, model="kinematic")
+    with pytest.raises(InputError, match="u_camera_px"):
+        fit_images("ur5", session, pixels, board=cell.board, u_camera_px=1.0)
+
+
+def test_what_is_contradicted_may_be_accepted():
+    cell, session, pixels = measured()
+    stated = replace(cell.board, points=cell.board.points / 1.003, u_scale=0.0)
+    found = fit_images("ur5", session, pixels, board=stated, model="kinematic", accept="the board is certified")
+    assert "the board is certified" in str(found.findings[0])
+
+
+def test_the_command_writes_model_and_camera(truearm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cell, session, pixels = measured()
+    session.save("joints.csv")
+    pixels.save("pixels.csv")
+    (tmp_path / "camera.yaml").write_text(camera_yaml(cell.lens))
+    words = ["fit-images", "joints.csv", "pixels.csv", "--arm", "ur5", "--board", cell.board.name]
+    words += ["--model", "kinematic", "--camera", "camera.yaml", "--out", "cell.truearm", "--camera-out", "found.yaml"]
+    done = truearm(*words, "--json")
+    assert done.code == 0, done.err
+    said = json.loads(done.out)
+    assert said["std_px"] == pytest.approx(0.2, rel=0.05)
+    assert said["u_board_scale"] < 0.002
+    found = read_camera("found.yaml")
+    assert abs(found.fx - cell.lens.fx) < 4 * said["u_intrinsics"]["fx"]
+    assert ta.load_model("cell.truearm").arm_.name == "ur5"
+    text = str(fitted())
+    assert "size of the board" in text
+    assert "scatter by 0.2 px" in text
