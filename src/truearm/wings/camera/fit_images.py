@@ -15,12 +15,8 @@ from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.findings import Finding, in_order
-from truearm.identification.estimation.identification import initial_problem
-from truearm.identification.estimation.linearisation import eliminate_unknowns
-from truearm.identification.estimation.propagation import with_shared_error
-from truearm.identification.references.prepared_readings import MIN_ROWS
-from truearm.identification.terms.catalogue import relative_size
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.judgement.common_errors import CommonErrors, expected_size_std
+from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.models.identified_model import IdentifiedModel, require_identified
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.solve.threads import one_blas_thread
@@ -58,8 +54,6 @@ PixelsLike: TypeAlias = PixelObservations | str | Path
 CONTRADICTED, DOUBTED, LEAST_SHARE = 10.0, 4.0, 0.003
 # The board's size is said from so many standard uncertainties and this share on.
 SAID_SIZE, LEAST_SIZE = 3.0, 5e-4
-# Standard deviation of the lengths of nominal arms of usual reach about the true ones [mm].
-LENGTH_STD_MM = 0.3
 # Corners of the board that are gross errors in this share of the images are the board's, not the images'.
 OFTEN = 0.5
 
@@ -160,7 +154,8 @@ def fit_images(
     except InputError as error:
         raise placed.contradiction or error from None
     identified = require_identified(result.model, "images need an identified arm", hint="--model kinematic")
-    values, covariance = _with_size(identified, settled, result.session, known_lengths)
+    common = _with_size(identified, settled, result.session, known_lengths)
+    values, covariance = settled.adjusted.unknowns + common.values, common.covariance
     of_camera, of_the_board = of_model(identified, eye_in_hand=eye_in_hand, centre=settled.centre)
     names = [Finding("hand-eye", one) for one in placed.sentences]
     if settled.images.free[-1]:
@@ -354,36 +349,22 @@ def _stated_in_mm(T: FloatArray) -> Poses:
     return Poses.of_motions(T, "mm")
 
 
-def _with_size(
-    model: IdentifiedModel, poses: ImagePoses, session: Session, lengths: Lengths | None
-) -> tuple[FloatArray, FloatArray]:
-    """The unknowns of camera and board (a,) by images and arm, and their covariance; the model's is completed.
+def _with_size(model: IdentifiedModel, poses: ImagePoses, session: Session, lengths: Lengths | None) -> CommonErrors:
+    """Camera and board by images and arm; the model's uncertainty is completed.
 
     A board that is larger on a larger arm looks the same: only what is expected of the arm's lengths, and what is
     stated of the board, tells the size of both. The evidence of few readings may expect these lengths to be better
-    than arms are; so the size is no more certain than lengths of `LENGTH_STD_MM` make it, unless a length is known.
+    than arms are; so the size is no more certain than usual arms make it, unless a length is known.
     """
-    fitted, prepared = model.fit_, model.prepare(session, lengths)
-    problem, _ = initial_problem(fitted.perturbed_chain, prepared.state, prepared.references)
-    own = problem.unknowns_of([one.kind for one in problem.references].index("pose"))
-    x, n = fitted.parameters, len(fitted.coefficients)
-    reduced = eliminate_unknowns(*problem.equations(x, [part.weights for part in fitted.references]), x)
-    place = np.searchsorted(reduced.eliminated, np.arange(own.start, own.stop))
-    slope = reduced.slope[place, :n]
-    with_arm = -slope @ fitted.covariance
-    covariance = (reduced.root.T @ reduced.root).toarray()[np.ix_(place, place)] - with_arm @ slope.T
-    covariance *= model.birge_ratio_**2
+    prepared = model.prepare(session, lengths)
+    assert isinstance(prepared, PreparedReadings)
+    found = CommonErrors.of(model.fit_, prepared)
+    found = replace(found, covariance=model.birge_ratio_**2 * found.covariance)
     if poses.images.free[-1] and prepared.lengths is None:
-        chain = model.nominal_.chain
-        lengths_mm = float(np.linalg.norm(link_vectors(chain)))
-        of_lengths = LENGTH_STD_MM * relative_size(chain) / lengths_mm / poses.images.units[-1]
+        of_lengths = expected_size_std(model.nominal_.chain) / poses.images.units[-1]
         least = 1 / (of_lengths**-2 + poses.images.precision[-1])
-        variance = covariance[-1, -1]
-        if (missing := least - variance) > 0:
-            model.fit_ = with_shared_error(fitted, with_arm[-1] / variance * np.sqrt(missing))
-            along = covariance[-1] / variance
-            covariance = covariance + missing * np.outer(along, along)
-    return poses.adjusted.unknowns + x[own], covariance
+        found, model.fit_ = found.widened(-1, float(least), model.fit_)
+    return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)

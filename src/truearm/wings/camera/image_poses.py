@@ -18,11 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.rigid_motions import cross_matrix
-from truearm.identification.estimation.identification import identify
-from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.residual_variance import paule_mandel_variance
-from truearm.identification.references.reading_references import Referenced
-from truearm.identification.terms import constants
+from truearm.identification.judgement.common_errors import settled_pose_errors
 from truearm.readings import Session
 from truearm.readings.pose_errors import LEVER_MM, PoseErrors
 from truearm.typing import FloatArray, IntArray
@@ -31,8 +27,6 @@ from truearm.wings.camera.images import Adjustment, Images, adjust
 
 # Rounds in which the arm and the camera are fitted in turn, before the fit of the arm proper.
 ROUNDS = 2
-# Position errors of arms over rotation errors of their flanges [mm/rad].
-LEVERS_MM = (100.0, 2000.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -124,41 +118,11 @@ class ImagePoses:
         return of_all
 
     def settled(self, arm: Arm, free: tuple[str, ...]) -> ImagePoses:
-        """The same about the camera that arm and images show together, with the sizes of the arm's own errors.
-
-        The arm of this is one with other constants; which terms it has is decided later.
-        """
+        """The same about the camera that arm and images show together, with the sizes of the arm's own errors."""
         poses = self
         for _ in range(ROUNDS):
-            found = _with_constants(poses.session(), arm, free)
-            lever, std = _sizes(found, poses.lever_mm)
-            poses = replace(poses.moved_by(found), lever_mm=lever, arm_std_mm=std)
+            common, lever, std = settled_pose_errors(poses.session(), arm, free, poses.lever_mm)
+            unknowns = poses.adjusted.unknowns + common
+            adjusted = adjust(poses.images, poses.adjusted.R, poses.adjusted.t, unknowns, keep=True)
+            poses = replace(poses, adjusted=adjusted, lever_mm=lever, arm_std_mm=std)
         return poses
-
-    def moved_by(self, found: IdentificationResult) -> ImagePoses:
-        """The same about the camera of an identified arm."""
-        change = np.array(list(_part(found)[0].unknowns.values()))
-        unknowns = self.adjusted.unknowns + change
-        return replace(self, adjusted=adjust(self.images, self.adjusted.R, self.adjusted.t, unknowns, keep=True))
-
-
-def _part(found: IdentificationResult) -> list:  # type: ignore[type-arg]
-    return [part for part in found.references if part.kind == "pose"]
-
-
-def _with_constants(session: Session, arm: Arm, free: tuple[str, ...]) -> IdentificationResult:
-    """The arm with other constants, identified from the readings."""
-    _, references, state, chain, tool, _ = Referenced.of(arm, session, None, free)
-    return identify(chain, state, [*constants(chain, free=free), *tool], references, robust=True)
-
-
-def _sizes(found: IdentificationResult, lever_mm: float) -> tuple[float, float]:
-    """Position error of an arm over the rotation error of its flange [mm/rad], and a coordinate of the former [mm]."""
-    (part,) = _part(found)
-    effective = sum(group.effective for group in found.groups) / 2
-    of_position, of_rotation = (
-        paule_mandel_variance(part.residuals[some].T, part.std[some].T ** 2, n_effective=effective, robust=True)
-        for some in (slice(0, 3), slice(3, 6))
-    )
-    lever = lever_mm * np.sqrt(of_position / of_rotation)
-    return float(np.clip(lever, *LEVERS_MM)), float(np.sqrt(of_position))
