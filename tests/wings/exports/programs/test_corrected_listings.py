@@ -207,6 +207,12 @@ class TestUniversalRobots:
         assert not found.changes
         assert all("another tool, or other kinematics" in one.reason for one in found.left)
 
+    def test_start_joints_that_are_not_those_of_the_pose_stay(self, tmp_path):
+        new, found = corrected(tmp_path, fitted("ur10"), BENT_SCRIPT.encode(), "a.script")
+        assert len(found.changes) == 1
+        assert b"[0.0, -1.57, -1.57, -1.57, 1.57, 0.0]" in new
+        assert b"p[.688, " not in new
+
     @pytest.mark.parametrize("stated", ["", 'controller = "a.urp"', 'controller = "b.urp"'])
     def test_a_script_has_the_kinematics_of_the_program_that_it_was_exported_with(self, tmp_path, stated):
         model, planned = fitted("ur10"), joints_of("ur10", 8)
@@ -328,3 +334,50 @@ def test_the_kinematics_of_another_robot_are_refused(tmp_path):
     text = polyscope_program([waypoint("W_1", joints_of("ur10", 1)[0])]).replace("-0.6063", "-0.4063")
     with pytest.raises(InputError, match="mm from those of 'ur10'"):
         corrected(tmp_path, fitted("ur10"), text.encode(), "a.urp", "")
+
+
+BENT = """P[1]{\r
+   GP1:\r
+\tUF : 0, UT : 0,\t\tCONFIG : 'N U T, 0, 0, 0',\r
+\tX =   385.000  mm,\tY =     0.000  mm,\tZ =   285.000  mm,\r
+\tW =  -180.000 deg,\tP =     0.000 deg,\tR =     0.000 deg\r
+};"""
+BENT_SCRIPT = (
+    f"set_tcp(p[0,0,0,0,0,0])\nmovej(get_inverse_kin(p[.688, -.163941, .6471, {-np.pi / 2**0.5}, {np.pi / 2**0.5}, 0.0], "
+    "[0.0, -1.57, -1.57, -1.57, 1.57, 0.0]))\n"
+)
+# Poses of the flange with the wrist bent by a right angle, by hand from the drawings: lengths of the links add up.
+BY_HAND = {
+    "fanuc": (
+        "lrmate200id",
+        fanuc_program([BENT], ["L P[1] 100mm/sec FINE   "]),  # 50 + 335 and 330 + 35 - 80 mm
+        "a.ls",
+        (0, 0, 0, 0, -90, 0),
+    ),
+    "yaskawa": (
+        "gp7",
+        yaskawa_job(
+            ["///TOOL 0", "///POSTYPE ROBOT", "///RECTAN", "///RCONF 0,0,0,0,0,0"]
+            + ["C00000=480.000,0.000,405.000,180.0000,0.0000,0.0000"],  # 40 + 440 and 445 + 40 - 80 mm
+            ["MOVL C00000 V=10.0"],
+        ),
+        "a.jbi",
+        (0, 0, 0, 0, -90, 0),
+    ),
+    "script": (
+        "ur10",
+        BENT_SCRIPT,  # 572.3 + 115.7, 163.941 and 127.3 + 612 - 92.2 mm
+        "a.script",
+        (0, -90, -90, -90, 90, 0),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BY_HAND)
+def test_poses_that_are_solved_by_hand_have_their_joints(tmp_path, kind):
+    arm, text, name, expected = BY_HAND[kind]
+    frames = FRAMES + "[tools.0]\nxyz_mm = [0.0, 0.0, 0.0]\n"
+    _, found = corrected(tmp_path, fitted(arm), text.encode(), name, frames)
+    reasons = [one.reason for one in (*found.refused, *found.left)]
+    assert not reasons
+    np.testing.assert_allclose(np.degrees(found.changes[0].nominal), expected, rtol=0, atol=1e-6)

@@ -95,8 +95,9 @@ def test_a_waypoint_of_another_robot_stays():
     assert "other kinematics than most waypoints" in reasons(program)["X"]
 
 
-def test_without_a_factory_calibration_the_kinematics_must_be_stated():
-    text = polyscope_program([waypoint("W_1", Q[0], kinematics_node("NOT_INITIALIZED"))])
+@pytest.mark.parametrize("status", ["NOT_INITIALIZED", "NOT_LINEARIZED"])
+def test_without_a_factory_calibration_the_kinematics_must_be_stated(status):
+    text = polyscope_program([waypoint("W_1", Q[0], kinematics_node(status))])
     assert "state in --frames controller" in reasons(read(text))["W_1"]
     program = read(text, FramesFile(controller="nominal"))
     assert len(program.targets) == 1

@@ -66,7 +66,7 @@ def test_every_literal_that_a_move_goes_to_is_found_and_nothing_else(layout):
         for number in target.numbers.values():
             assert program.data[number.start : number.end] == number.text
     assert program.notes == (
-        "4 poses have no joints of their own: their configuration is that of the joints before them",
+        "4 poses have no joints of their own: those before them in the text state their configuration",
     )
 
 
@@ -127,9 +127,31 @@ def test_poses_without_a_tool_or_with_several_stay():
     assert reasons(read(two)) == {3: "set_tcp changes between 2 tools"}
 
 
-def test_a_pose_before_any_joints_has_no_configuration():
-    text = "set_tcp(p[0,0,0.1,0,0,0])\nmovel(p[0.4,0.2,0.3,0,3.1,0])\n"
-    assert reasons(read(text)) == {2: "no joints say its configuration"}
+def test_a_pose_before_any_joints_states_no_configuration():
+    (target,) = read("set_tcp(p[0,0,0.1,0,0,0])\nmovel(p[0.4,0.2,0.3,0,3.1,0])\n").targets
+    assert target.near is None
+
+
+def test_joints_that_two_poses_start_from_are_no_pair():
+    text = "set_tcp(p[0,0,0.1,0,0,0])\nq = [0,-1,1,0,1,0]\n"
+    text += (
+        "movej(get_inverse_kin(p[0.4,0.2,0.3,0,3.1,0], q))\nmovej(get_inverse_kin(p[0.4,0.3,0.3,0,3.1,0], qnear=q))\n"
+    )
+    program = read(text)
+    assert [len(target.numbers) for target in program.targets] == [6, 6]
+    assert all(target.near is not None for target in program.targets)
+
+
+def test_joints_that_are_a_target_themselves_are_no_pair():
+    text = "set_tcp(p[0,0,0.1,0,0,0])\nq = [0,-1,1,0,1,0]\nmovej(q)\n"
+    program = read(text + "movej(get_inverse_kin(p[0.4,0.2,0.3,0,3.1,0], q))\n")
+    assert [len(target.numbers) for target in program.targets] == [6, 6]
+
+
+def test_a_pose_with_two_start_joints_stays():
+    text = "set_tcp(p[0,0,0.1,0,0,0])\nP = p[0.4,0.2,0.3,0,3.1,0]\n"
+    text += "movej(get_inverse_kin(P, [0,-1,1,0,1,0]))\nmovej(get_inverse_kin(P, [0,-1,1,0,1,1]))\n"
+    assert reasons(read(text)) == {2: "it is used with several start joints"}
 
 
 @pytest.mark.parametrize("end", ["movel(p[0.1, 0.2", "movej(get_inverse_kin(Point_1_p, qnear", "  while (True):"])

@@ -106,7 +106,7 @@ def unpacked(data: bytes) -> bytes:
 
 def calibrated_rows(node: Node) -> Rows | None:
     """The rows of a factory calibration; None where the node has none."""
-    if node.text("status") == "NOT_INITIALIZED":
+    if node.text("status").startswith("NOT_"):
         return None
     rows = [node.child(tag) for tag in _ROWS]
     return _rows_of(tuple("" if row is None else row.text("value") for row in rows))

@@ -8,7 +8,7 @@ target only where a move names it.
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import atan2, cos, dist, hypot, pi, sin
@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.arm import Chain
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -108,29 +107,6 @@ class _Use:
     literal: _Literal
     near: dict[int, _Literal] = field(default_factory=dict)
 
-    def target(
-        self, line: int, near: _Literal | None, tool: FloatArray | None, no_tool: str, controller: Chain | None
-    ) -> Target | str:
-        """The target, or why it is not changed."""
-        numbers = self.literal.numbers
-        if not self.literal.is_pose:
-            named = dict(zip(JOINTS, numbers, strict=True))
-            return Target(self.name, line, named, joints=np.array(self.literal.values), T_flange_tool=tool)
-        if not any(self.literal.values):
-            return "a place-holder: all its numbers are zero"
-        if tool is None:
-            return no_tool
-        if near is None or len(self.near) > 1:
-            return "no joints say its configuration" if near is None else "it is used with several start joints"
-        T, q = pose_matrix(self.literal.values), np.array(near.values)
-        named = dict(zip(POSE, numbers, strict=True))
-        if self.near:
-            named |= zip(JOINTS, near.numbers, strict=True)
-            away = disagreement(controller, q, T @ inverse(tool))
-            if away is not None:
-                return away
-        return Target(self.name, line, named, pose=T, T_flange_tool=tool, T_base_work=np.eye(4), near=q)
-
 
 class _Reader:
     """One pass over the moves of a program."""
@@ -145,6 +121,7 @@ class _Reader:
         self.uses: dict[int, _Use] = {}
         self.moves: list[tuple[int, MoveKind, int]] = []
         self.bases: dict[str, int] = {}
+        self.n_uses: Counter[int] = Counter()
 
     def _assignments(self) -> tuple[dict[str, list[_Literal]], dict[str, str]]:
         """Literal lists by the names of their variables, and why a variable is none."""
@@ -222,7 +199,8 @@ class _Reader:
 
     def targets(self, beside: Surroundings, stated: StatedKinematics) -> Iterator[tuple[int, Target | LeftAlone]]:
         """The targets in the order of the moves, by the places of their lists, and what is not changed."""
-        tool, reason = self._tool(beside)
+        tool, no_tool = self._tool(beside)
+        self.n_uses.update([*self.uses, *(start for use in self.uses.values() for start in use.near)])
         before: _Literal | None = None
         for start in dict.fromkeys(start for _, _, start in self.moves):
             use = self.uses[start]
@@ -230,10 +208,36 @@ class _Reader:
                 before = use.literal
             elif use.near:
                 before = next(iter(use.near.values()))
-            made: Target | str = NOT_STATED
-            if stated.is_stated:
-                made = use.target(self.line(start), before, tool, reason, stated.checked)
+            made = self._target(use, before, no_tool if tool is None else tool, stated)
             yield start, LeftAlone(self.line(start), use.name, made, is_literal=True) if isinstance(made, str) else made
+
+    def _target(
+        self, use: _Use, near: _Literal | None, tool: FloatArray | str, stated: StatedKinematics
+    ) -> Target | str:
+        """The target of a list, or why it is not changed; `tool` may be why there is none."""
+        line, numbers, values = self.line(use.literal.start), use.literal.numbers, use.literal.values
+        if not stated.is_stated:
+            return NOT_STATED
+        if not use.literal.is_pose:
+            T_tool = None if isinstance(tool, str) else tool
+            named = dict(zip(JOINTS, numbers, strict=True))
+            return Target(use.name, line, named, joints=np.array(values), T_flange_tool=T_tool)
+        if not any(values):
+            return "a place-holder: all its numbers are zero"
+        if isinstance(tool, str):
+            return tool
+        if len(use.near) > 1:
+            return "it is used with several start joints"
+        T, q = pose_matrix(values), None if near is None else np.array(near.values)
+        named = dict(zip(POSE, numbers, strict=True))
+        if near is not None and q is not None and near.start in use.near:
+            away = disagreement(stated.checked, q, T @ inverse(tool))
+            twins = self.variables.get(f"{use.name[:-2]}_q", ()) if use.name.endswith("_p") else ()
+            if away is not None and near in twins:
+                return away
+            if away is None and self.n_uses[near.start] == 1:
+                named |= zip(JOINTS, near.numbers, strict=True)
+        return Target(use.name, line, named, pose=T, T_flange_tool=tool, T_base_work=np.eye(4), near=q)
 
     def _tool(self, beside: Surroundings) -> tuple[FloatArray | None, str]:
         """The only tool of the program, or that of the frames, and why there is none."""
@@ -254,7 +258,7 @@ class _Reader:
                 yield f"{name} is used in a computation in line {line}: the result has the correction of {name}"
         alone = sum(use.literal.is_pose and not use.near for use in self.uses.values())
         if alone:
-            yield f"{alone} poses have no joints of their own: their configuration is that of the joints before them"
+            yield f"{alone} poses have no joints of their own: those before them in the text state their configuration"
 
 
 def pose_matrix(numbers: Sequence[float]) -> FloatArray:
