@@ -343,7 +343,8 @@ BENT = """P[1]{\r
 \tW =  -180.000 deg,\tP =     0.000 deg,\tR =     0.000 deg\r
 };"""
 BENT_SCRIPT = (
-    f"set_tcp(p[0,0,0,0,0,0])\nmovej(get_inverse_kin(p[.688, -.163941, .6471, {-np.pi / 2**0.5}, {np.pi / 2**0.5}, 0.0], "
+    "set_tcp(p[0,0,0,0,0,0])\nmovej(get_inverse_kin("
+    f"p[.688, -.163941, .6471, {-np.pi / 2**0.5}, {np.pi / 2**0.5}, 0.0], "
     "[0.0, -1.57, -1.57, -1.57, 1.57, 0.0]))\n"
 )
 # Poses of the flange with the wrist bent by a right angle, by hand from the drawings: lengths of the links add up.

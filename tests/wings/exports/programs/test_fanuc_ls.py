@@ -142,8 +142,8 @@ BLOCKS = {
     "four axes": (block(1).replace("'N U T, 0, 0, 1'", "'L, 0, 0, 0'"), "is not certain"),
     "an extended axis": (block(1).replace(" deg\r\n}", " deg,\r\n\tE1=   100.000  mm\r\n}"), "extended axis"),
     "a standing tool": (re.sub(r"\b([XYZWPR]) =", r"R\1 =", block(1)), "stands in the cell"),
-    "another tool": (block(1).replace("UT : 3", "UT : 7"), "state tool frame 7"),
-    "another frame": (block(1).replace("UF : 1", "UF : 9"), "state work frame 9"),
+    "another tool": (block(1).replace("UT : 3", "UT : 7"), "state [tools.7]"),
+    "another frame": (block(1).replace("UF : 1", "UF : 9"), "state [works.9]"),
     "another group": (block(1).replace("GP1:", "GP2:"), "no position of group 1"),
     "sliding": ("P[1]{\r\n   GP1:\r\n\tUF : 0, UT : 3,\r\n\tJ1=   100.000  mm\r\n};", "not that of an arm of six axes"),
 }

@@ -100,12 +100,12 @@ STAY = {
     "a tool that is not stated": (
         [*IN_USER, "///TOOL 7", yaskawa_pose("C00000", T)],
         ["MOVL C00000 V=1.0"],
-        "state tool 7",
+        "state [tools.7]",
     ),
     "a frame that is not stated": (
         [*IN_USER, "///USER 9", yaskawa_pose("C00000", T)],
         ["MOVL C00000 V=1.0"],
-        "state work 9",
+        "state [works.9]",
     ),
     "no configuration": ([*IN_USER[:4], yaskawa_pose("C00000", T)], ["MOVL C00000 V=1.0"], "no RCONF"),
     "rear": ([*IN_USER, "///RCONF 0,0,1,0,0,0", yaskawa_pose("C00000", T)], ["MOVL C00000 V=1.0"], "behind axis S"),

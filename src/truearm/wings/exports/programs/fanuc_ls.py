@@ -52,6 +52,7 @@ _AT_RUN_TIME = {"INC": "an increment", "INK": "an increment", "COORD": "of a mot
 _POSE = ("x", "y", "z", "w", "p", "r")
 _TURNS = (1, 4, 6)
 _FIELD = 10
+_ROUNDED = "numbers keep their decimals: of three, 0.0005 mm or deg of each remain uncorrected"
 _UNTAUGHT = "it was never taught"
 _KINDS: dict[str, MoveKind] = {"J": "joint", "L": "linear"}
 
@@ -169,7 +170,7 @@ class FanucListing(Language):
             tuple(targets.values()),
             tuple(sorted(left)),
             tuple(Move(line, _KINDS.get(kind, "circular"), order.get(n)) for line, kind, n in uses.motions),
-            tuple(uses.notes(set(targets))),
+            (*uses.notes(set(targets)), *([_ROUNDED] if targets else ())),
         )
 
     def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
@@ -275,7 +276,7 @@ def _target(text: str, line: int, block: _Block, beside: Surroundings) -> Target
         return f"the sense of its configuration '{head[3] or ''}' is not certain"
     work = beside.frames.in_base(np.eye(4)) if head[1] == "0" else beside.frames.work_of(head[1])
     if tool is None or work is None:
-        return f"state {'tool' if tool is None else 'work'} frame {head[2] if tool is None else head[1]} in --frames"
+        return f"state [{f'tools.{head[2]}' if tool is None else f'works.{head[1]}'}] in --frames"
     x, y, z, *wpr = (numbers[name].value for name in _POSE)
     conditions = [
         Condition("J5", *((-np.inf, 0.0) if config[1] == "N" else (0.0, np.inf))),

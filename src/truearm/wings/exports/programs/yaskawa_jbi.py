@@ -158,7 +158,7 @@ class _Reader:
             return conditions
         work = frames.work_of(state.user) if state.postype == "USER" else np.eye(4)
         if tool is None or work is None:
-            return f"state tool {state.tool} in --frames" if tool is None else f"state work {state.user} in --frames"
+            return f"state [{f'tools.{state.tool}' if tool is None else f'works.{state.user}'}] in --frames"
         R = rotation_of(values[3:].tolist())
         named = dict(zip(_POSE, numbers, strict=True))
         return _Point(
@@ -209,7 +209,7 @@ class _Reader:
         if self.other_axes:
             notes.append(f"{self.other_axes} positions of other axes are not changed")
         if any(isinstance(next(iter(one.numbers.values())), _Pulse) for one in targets.values()):
-            notes.append("pulses count as those of each axis alone: coupled wrist axes are not converted")
+            notes.append("pulses stay whole, each those of one axis: coupled wrist axes are not converted")
         if any(not key.startswith("C ") for key in targets):
             notes.append("variables P are common to all jobs: another job may rewrite them")
         moves = tuple(Move(line, kind, order.get(key)) for line, kind, key in self.moves)
