@@ -16,7 +16,7 @@ KEPT, OWN, FREE = "kept", "replaced by its own kind", "same arm's replaced"
 READ = {"artefacts", "certificate", "files", "folder", "model", "new", "old", "session", "table", "targets"}
 READ |= {"--about", "--artefacts", "--as-found", "--check", "--from-circles", "--key", "--lengths", "--list", "--logo"}
 READ |= {"--measured", "--model-file", "--mpe", "--plan", "--prior", "--read", "--region", "--session", "--signer"}
-READ |= {"--test-session", "--trusted", "--with"}
+READ |= {"--frames", "--test-session", "--trusted", "--with"}
 
 
 def rows() -> dict[tuple[str, str], str]:
