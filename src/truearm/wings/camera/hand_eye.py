@@ -259,12 +259,12 @@ def _other_frame(T: FloatArray, called: Callable[[int], str]) -> list[str]:
     if differ.mean() > 0.5:
         return ["The poses of the robot in the file are not those of its joints: another arm, base or order. Not used."]
     sentences = []
-    x, y, z = T[typical, :3, 3]
+    where = ", ".join(format_fixed(x, 1) for x in T[typical, :3, 3])
     if np.linalg.norm(T[typical, :3, 3]) > SAME_MM or np.degrees(turn[typical].magnitude()) > SAME_DEG:
-        rpy = np.degrees(turn[typical].as_rotvec())
-        turned = "" if np.linalg.norm(rpy) < SAME_DEG else f", turned by {np.linalg.norm(rpy):.1f} deg"
+        angle = float(np.degrees(turn[typical].magnitude()))
+        turned = "" if angle < SAME_DEG else f", turned by {angle:.1f} deg"
         sentences.append(
-            f"The poses of the robot in the file are of a tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the "
+            f"The poses of the robot in the file are of a tool at ({where}) mm on the "
             f"flange{turned}. The joints are used, and transforms are of the flange."
         )
     if differ.any():

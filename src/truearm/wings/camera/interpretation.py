@@ -68,6 +68,11 @@ class _Way:
     board: Rotation
     test: TurnTest
 
+    @property
+    def forms(self) -> tuple[str, str]:
+        """Of robot and board."""
+        return self.robot_form, self.board_form
+
     def fits(self, robot_mm: FloatArray, board_mm: FloatArray, eye_in_hand: bool) -> Iterator[tuple[str, ClosedForm]]:
         """The closed form of each of `WAYS`."""
         for way in WAYS:
@@ -109,25 +114,33 @@ def interpret(
         size.
     """
     robot_mm, board_mm = _positions_mm(robot, "robot"), board_size * _positions_mm(board, "board")
-    ways, sentences = _ways(robot, board)
+    ways = _ways(robot, board)
+    _check_turning(ways[0].motions(robot_mm, board_mm, eye_in_hand)[0][ways[0].test.agree], eye_in_hand)
     found = [(way, dict(way.fits(robot_mm, board_mm, eye_in_hand))) for way in ways]
     found.sort(key=lambda one: one[1][WAYS[0]].rms_mm)
-    best = min(found, key=lambda one: min(fit.rms_mm for fit in one[1].values()))
-    spread = float(np.sqrt(board_mm[found[0][0].test.agree].var(axis=0).sum()))
     way, fits = found[0]
-    _check_direction(fits, best[1], spread, eye_in_hand)
-    if len(found) > 1:
-        named = f"{described(way.board_form)} of the board, {described(way.robot_form)} of the robot"
-        if found[1][1][WAYS[0]].rms_mm < 2 * fits[WAYS[0]].rms_mm + 1e-6:
+    spread = float(np.sqrt(board_mm[way.test.agree].var(axis=0).sum()))
+    if not fits[WAYS[0]].rms_mm <= MISFIT * spread:
+        others = [one for one in _passing(robot.forms, board.forms) if one.forms not in [w.forms for w in ways]]
+        refits = [(one, dict(one.fits(robot_mm, board_mm, eye_in_hand))[WAYS[0]].rms_mm) for one in others]
+        _refuse_misfit([one[1] for one in found], _forms_named(refits, robot, board), spread, eye_in_hand)
+    sentences = []
+    asked = [(of, one, form) for of, one, form in (("board", board, way.board_form), ("robot", robot, way.robot_form))
+             if one.form is None and len(one.forms) > 1]  # fmt: skip
+    if asked:
+        if len(found) > 1 and found[1][1][WAYS[0]].rms_mm < 2 * fits[WAYS[0]].rms_mm + 1e-6:
             raise InputError(
                 f"the rotations may be {described(way.board_form)} or {described(found[1][0].board_form)}",
                 hint=f"state it: --rotation {way.board_form} or {found[1][0].board_form}",
             )
-        sentences.append(f"The rotations are read as {named}: the only form in which turns and positions agree.")
+        sentences += [
+            f"The rotations of the {of} are read as {described(form)}: of {len(one.forms)} forms the only one in which "
+            "turns and positions agree."
+            for of, one, form in asked
+        ]
     sentences += _wrong(way, board_mm, called)
     agree, start = way.test.agree, fits[WAYS[0]]
     A, C = (one[agree] for one in way.motions(robot_mm, board_mm, eye_in_hand))
-    _check_turning(A, eye_in_hand)
     sentences += [*_size(start), *_view(C)]
     start = closed_form(A, C, sized=False)
     return Interpretation(np.flatnonzero(agree), A, C, way.test.rms_deg, start, tuple(sentences))
@@ -140,15 +153,15 @@ def _positions_mm(poses: Poses, of: str) -> FloatArray:
     return poses.positions * FACTOR[poses.unit]
 
 
-def _ways(robot: Poses, board: Poses) -> tuple[list[_Way], list[str]]:
-    """The ways to read the rotations in which the turns agree, as stated if they do; and what is to be said."""
+def _ways(robot: Poses, board: Poses) -> list[_Way]:
+    """The ways to read the rotations in which the turns agree, as stated if they do."""
     for poses, of in ((robot, "robot"), (board, "board")):
         if not poses.forms or (poses.form is not None and poses.form not in poses.forms):
             form = f" as {described(poses.form)}" if poses.form else ""
             raise InputError(f"the rotations of the {of} are no rotations{form}", hint="--rotation FORM states them")
     stated = [{one.form: one.forms[one.form]} if one.form else one.forms for one in (robot, board)]
     if found := _passing(*stated):
-        return found, []
+        return found
     first = [next(iter(one.items())) for one in stated]
     way = _Way(first[0][0], first[1][0], first[0][1], first[1][1], TurnTest.of(first[0][1], first[1][1]))
     problem = (
@@ -156,24 +169,23 @@ def _ways(robot: Poses, board: Poses) -> tuple[list[_Way], list[str]]:
         "other"
     )
     if other := _passing(robot.forms, board.forms):
-        read = [
-            (described(form), f"{option} {form}")
-            for option, form, now in (
-                ("--rotation", other[0].board_form, board.form),
-                ("--robot-rotation", other[0].robot_form, robot.form),
-            )
-            if form != now
-        ]
-        problem += f"; read as {' and '.join(words for words, _ in read)} they agree"
-        contradict(InputError(problem, hint=" ".join(option for _, option in read)))
-        return other, []
+        words, options = _named(other[0], robot, board)
+        contradict(InputError(f"{problem}; read as {words} they agree", hint=options))
+        return other
     if (shift := shifted(first[0][1], first[1][1])) is not None:
         problem += f"; with the images {number_of(abs(shift), 'row')} {'earlier' if shift > 0 else 'later'} they agree"
         hint = f"the first {'images have' if shift > 0 else 'poses have'} no {'pose' if shift > 0 else 'image'}"
         raise InputError(problem, hint=hint)
     hint = "are rows and images of the same poses, in the same order, with the arm at rest?"
     contradict(InputError(problem, hint=hint))
-    return [way], []
+    return [way]
+
+
+def _named(way: _Way, robot: Poses, board: Poses) -> tuple[str, str]:
+    """Forms that differ from what is stated, in words and as options."""
+    of = (("--rotation", way.board_form, board.form), ("--robot-rotation", way.robot_form, robot.form))
+    differ = [(described(form), f"{option} {form}") for option, form, now in of if form != now]
+    return " and ".join(words for words, _ in differ), " ".join(option for _, option in differ)
 
 
 def _passing(robot: dict[str, Rotation], board: dict[str, Rotation]) -> list[_Way]:
@@ -208,25 +220,37 @@ def _wrong(way: _Way, board_mm: FloatArray, called: Callable[[int], str]) -> lis
     return [f"Left out, as robot and camera turn differently: {left} of {n}. {listed[0].upper()}{listed[1:]}."]
 
 
-def _check_direction(
-    stated: dict[str, ClosedForm], best: dict[str, ClosedForm], spread: float, eye_in_hand: bool
+def _forms_named(refits: list[tuple[_Way, float]], robot: Poses, board: Poses) -> list[tuple[float, str, str]]:
+    """The positions' rest in other forms that turn alike, with words and options."""
+    return [(rms, f"it is {rms:.3g} mm with {words}", options) for way, rms in refits
+            for words, options in (_named(way, robot, board),)]  # fmt: skip
+
+
+def _refuse_misfit(
+    found: list[dict[str, ClosedForm]], others: list[tuple[float, str, str]], spread: float, eye_in_hand: bool
 ) -> None:
     """Refuse poses whose positions fit another way, or none."""
-    rms = stated[WAYS[0]].rms_mm
-    way, other = min(best.items(), key=lambda one: one[1].rms_mm)
+    rms = found[0][WAYS[0]].rms_mm
+    where, elsewhere, option = "beside the robot", "on the flange", "--eye-in-hand"
+    if eye_in_hand:
+        where, elsewhere, option = elsewhere, where, "--no-eye-in-hand"
     misses = f"the positions miss each other by {rms:.3g} mm" if np.isfinite(rms) else "the positions do not fit"
-    if way != WAYS[0] and rms > MISFIT * spread and other.rms_mm < rms / BETTER:
-        where = "on the flange" if eye_in_hand else "beside the robot"
-        elsewhere = "beside the robot (--no-eye-in-hand)" if eye_in_hand else "on the flange (--eye-in-hand)"
-        meant = {
-            "inverted": f"with the camera {elsewhere} it is {other.rms_mm:.3g} mm. If the camera is {where}, the poses "
-            "of robot or board are inverted",
-            "board transposed": f"it is {other.rms_mm:.3g} mm if " + TRANSPOSED.format("board"),
-            "robot transposed": f"it is {other.rms_mm:.3g} mm if " + TRANSPOSED.format("robot"),
-        }[way]
-        option = {"inverted": "--no-eye-in-hand" if eye_in_hand else "--eye-in-hand"}.get(way)
-        hint = f"{option}, or --invert board (or robot)" if option else "transpose the matrices"
-        contradict(InputError(f"{misses} with the camera {where}; {meant}", hint=hint))
+    misses += f" with the camera {where}"
+    best = {way: min(fits[way].rms_mm for fits in found) for way in WAYS[1:]}
+    named = [
+        (
+            best["inverted"],
+            f"with the camera {elsewhere} it is {best['inverted']:.3g} mm. If the camera is {where}, the poses of "
+            "robot or board are inverted",
+            f"{option}, or --invert board (or robot)",
+        )
+    ]
+    for of in ("board", "robot"):
+        left = best[f"{of} transposed"]
+        named.append((left, f"it is {left:.3g} mm if {TRANSPOSED.format(of)}", "transpose the matrices"))
+    left, words, hint = min([*named, *others])
+    if left < min(rms / BETTER, NO_FIT * spread):
+        contradict(InputError(f"{misses}; {words}", hint=hint))
     elif not rms <= NO_FIT * spread:
         hint = "is the board fixed, and the tool of the robot's poses always the same?"
         contradict(InputError(f"{misses}, though the turns agree", hint=hint))
