@@ -237,14 +237,12 @@ def _refuse_misfit(
     misses = f"the positions miss each other by {rms:.3g} mm" if np.isfinite(rms) else "the positions do not fit"
     misses += f" with the camera {where}"
     best = {way: min(fits[way].rms_mm for fits in found) for way in WAYS[1:]}
-    named = [
-        (
-            best["inverted"],
-            f"with the camera {elsewhere} it is {best['inverted']:.3g} mm. If the camera is {where}, the poses of "
-            "robot or board are inverted",
-            f"{option}, or --invert board (or robot)",
-        )
-    ]
+    left = best["inverted"]
+    words = (
+        f"with the camera {elsewhere} it is {left:.3g} mm. If the camera is {where}, the poses of robot or board are "
+        "inverted"
+    )
+    named = [(left, words, f"{option}, or --invert board (or robot)")]
     for of in ("board", "robot"):
         left = best[f"{of} transposed"]
         named.append((left, f"it is {left:.3g} mm if {TRANSPOSED.format(of)}", "transpose the matrices"))
