@@ -154,6 +154,7 @@ TASKS: dict[str, tuple[str, str]] = {
         ),
         "fitting imperfect-readings terms networks",
     ),
+    "Use a camera": ("hand_eye HandEyeResult", "hand-eye"),
     "Test and compare": ("evaluate Evaluation compare ModelChange report ReportResult", "fitting"),
     "Compensate": (
         "predict Prediction correct CorrectedTargets export ExportResult check_export ExportCheck",

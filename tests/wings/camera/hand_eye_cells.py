@@ -39,20 +39,23 @@ class Cell:
         )
 
 
-def make_cell(
-    seed=0, n=20, *, eye_in_hand=False, errors=(0.0, 0.0), noise=(0.0, 0.0), wrist=1.2, spread=0.6, name="ur10"
-):
+# The flange points down; a camera on it sees a board below, with smaller movements.
+MIDDLE = np.array([0.0, -1.2, 1.5, -1.9, -1.5, 0.0])
+SPREAD = {False: np.array([0.6, 0.6, 0.6, 1.2, 1.2, 1.2]), True: np.array([0.25, 0.2, 0.2, 0.4, 0.4, 1.5])}
+
+
+def make_cell(seed=0, n=20, *, eye_in_hand=False, errors=(0.0, 0.0), noise=(0.0, 0.0)):
     """A cell: errors of the arm's constants [rad, mm], noise of orientations [deg] and positions [mm]."""
-    rng, arm = np.random.default_rng(seed), ta.load_arm(name)
+    rng, arm = np.random.default_rng(seed), ta.load_arm("ur10")
     chain = arm.chain
     off = rng.normal(size=(chain.n_places, 6)) * np.repeat(errors, 3)
     off[[0, -1]] = 0.0
     true = chain.with_motions(off)
-    joints = np.array([0.0, -1.2, 1.5, -1.9, -1.5, 0.0]) + rng.uniform(-1, 1, (n, 6)) * ([spread] * 3 + [wrist] * 3)
-    pose = true.pose(joints)
-    flange = motion(pose.R_base_tip, pose.tip_in_base)
+    joints = MIDDLE + rng.uniform(-1, 1, (n, 6)) * SPREAD[eye_in_hand]
+    flange = flanges(true, joints)
     if eye_in_hand:
-        camera, board = frame([3, -8, 40], [30, -60, 90]), frame([180, 0, 30], [700, 150, -400])
+        camera = frame([3, -8, 40], [30, -60, 90])
+        board = flanges(chain, MIDDLE[None])[0] @ camera @ frame([5, -4, 30], [-60, -50, 550])
         exact = inverse(camera) @ inverse(flange) @ board
     else:
         camera, board = frame([-110, 0, 90], [2200, 0, 600]), frame([20, -30, 70], [80, -40, 150])
@@ -62,6 +65,11 @@ def make_cell(
     seen[:, :3, 3] += noise[1] * rng.normal(size=(n, 3))
     camera, board = in_axes_of_arm(true, arm, camera, board, eye_in_hand)
     return Cell(arm, joints, flange, seen, camera, board, eye_in_hand)
+
+
+def flanges(chain, joints):
+    pose = chain.pose(joints)
+    return motion(pose.R_base_tip, pose.tip_in_base)
 
 
 def in_axes_of_arm(true, arm, camera, board, eye_in_hand):

@@ -55,7 +55,7 @@ def test_transposed_rotations_are_named(eye_in_hand, of, word):
 
 
 @BOTH
-def test_boards_seen_half_turned_are_named_and_left_out(eye_in_hand):
+def test_boards_seen_half_turned_are_named_and_ignored(eye_in_hand):
     cell = cell_of(eye_in_hand)
     seen = cell.seen.copy()
     rows = [2, 9, 17]
@@ -106,7 +106,7 @@ def test_a_slightly_larger_board_is_said_and_goes_on():
 
 
 @BOTH
-def test_images_of_other_poses_are_named_and_left_out(eye_in_hand):
+def test_images_of_other_poses_are_named_and_ignored(eye_in_hand):
     cell = cell_of(eye_in_hand)
     seen, rng = cell.seen.copy(), np.random.default_rng(3)
     turned = Rotation.from_rotvec(rng.uniform(-0.6, 0.6, (3, 3))).as_matrix()
@@ -129,7 +129,7 @@ def test_images_that_are_shifted_against_the_poses_are_named(shift):
         cell.with_seen(np.roll(cell.seen, shift, axis=0)).hand_eye()
 
 
-def test_an_image_whose_board_was_moved_is_left_out():
+def test_an_image_whose_board_was_moved_is_ignored():
     cell = cell_of()
     seen = cell.seen.copy()
     seen[6, :3, 3] += [0, 40, 0]

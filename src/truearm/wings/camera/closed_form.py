@@ -21,7 +21,7 @@ from truearm.arm.rigid_motions import cross_matrix
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Pairs with larger turns are left out: near half a turn the sign of a rotation vector is by chance [rad].
+# Pairs with larger turns are ignored: near half a turn the sign of a rotation vector is by chance [rad].
 MOST_TURN = np.radians(160.0)
 # Images of which all pairs are taken; of more, each with so many others.
 ALL_PAIRS = 60
@@ -202,7 +202,7 @@ GROSS, LEAST_GROSS_MM = 6.0, 0.05
 def refined(A: FloatArray, C: FloatArray, start: ClosedForm) -> HandEyeAlone:
     """Least squares from a closed form: positions and orientations have a noise of their own, by restricted likelihood.
 
-    Images whose held-out position is a gross error are left out, the worst first, up to a quarter.
+    Images whose held-out position is a gross error are ignored, the worst first, up to a quarter.
     """
     rows = np.ones(len(A), dtype=bool)
     while True:

@@ -147,12 +147,10 @@ def hand_eye(
     out = found.rows[~alone.rows]
     if len(out):
         listed = ", ".join(map(seen.called, out.tolist()))
-        said.append(f"Left out, as their positions are gross errors: {number_of(len(out), 'image')} ({listed}).")
+        said.append(f"Ignored, as their positions are gross errors: {number_of(len(out), 'image')} ({listed}).")
     n_images, fitted, centre = len(seen), None, np.zeros(3)
     if moved.joints is None:
-        said.append(
-            "Without joints the arm is not identified: what its errors do is in the uncertainty on average only."
-        )
+        said.append("Without joints the arm is not identified: its errors are in the uncertainty on average only.")
         camera, mounted = of_alone(alone, eye_in_hand=in_hand)
     else:
         assert known_arm is not None

@@ -217,7 +217,7 @@ def _wrong(way: _Way, board_mm: FloatArray, called: Callable[[int], str]) -> lis
     left = number_of(n - int(test.agree.sum()), "image")
     if 1 - test.share > FEW_WRONG:
         contradict(InputError(f"{left} of {n} contradict the others: {listed}", hint="mend or remove these images"))
-    return [f"Left out, as robot and camera turn differently: {left} of {n}. {listed[0].upper()}{listed[1:]}."]
+    return [f"Ignored, as robot and camera turn differently: {left} of {n}. {listed[0].upper()}{listed[1:]}."]
 
 
 def _forms_named(refits: list[tuple[_Way, float]], robot: Poses, board: Poses) -> list[tuple[float, str, str]]:

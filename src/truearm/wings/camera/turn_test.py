@@ -46,7 +46,7 @@ class TurnTest:
 
     @classmethod
     def of(cls, robot: Rotation, camera: Rotation) -> TurnTest:
-        """Compare all pairs, and leave out what agrees least until the rest agree."""
+        """Compare all pairs, and ignore what agrees least until the rest agree."""
         off = np.abs(turns(robot) - turns(camera))
         n = len(off)
         tolerance = float(np.clip(TIMES_MEDIAN * np.median(off[np.triu_indices(n, 1)]), LEAST_DEG, MOST_DEG))
