@@ -179,7 +179,7 @@ class FanucListing(Language):
             return {f"j{i}": q for i, q in enumerate(np.degrees(joints).tolist(), 1)}
         assert pose is not None  # of a Cartesian target
         old = [target.numbers[name].value for name in _POSE[3:]]
-        return dict(zip(_POSE, [*pose[:3, 3].tolist(), *angles_of(pose[:3, :3], old).tolist()], strict=True))
+        return dict(zip(_POSE, [*pose[:3, 3].tolist(), *angles_of(pose[:3, :3], old)], strict=True))
 
     def mark(self, program: Program, words: str) -> Edit:
         """See `Language`. A remark at the end of /MN: no number of a line changes."""

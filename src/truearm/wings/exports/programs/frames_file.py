@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Self
 
 import numpy as np
@@ -48,7 +49,7 @@ class Frame(Document):
             raise InputError(f"expected a quaternion of length 1, got {np.linalg.norm(self.quaternion):.6g}")
         return self
 
-    @property
+    @cached_property
     def T(self) -> FloatArray:
         """(4, 4) rigid motion, translation in mm."""
         motion = np.eye(4)
@@ -101,8 +102,12 @@ class FramesFile(Document):
 
     def work_of(self, name: str | None) -> FloatArray | None:
         """(4, 4) work frame in the arm's base, or None where it is not stated."""
-        stated = self.works.get(name or self.work or "")
-        return None if stated is None else self.in_base(stated.T)
+        return self.works_in_base.get(name or self.work or "")
+
+    @cached_property
+    def works_in_base(self) -> dict[str, FloatArray]:
+        """The work frames in the arm's base."""
+        return {name: self.in_base(frame.T) for name, frame in self.works.items()}
 
     def in_base(self, T_world: FloatArray) -> FloatArray:
         """A frame of the world in the arm's base."""

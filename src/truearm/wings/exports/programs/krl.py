@@ -107,7 +107,7 @@ class Krl(Language):
             return dict(zip(_JOINTS, np.degrees(joints).tolist(), strict=True))
         assert pose is not None  # of a Cartesian target
         before = [target.numbers[name].value for name in "CBA"]
-        c, b, a = angles_of(pose[:3, :3], before).tolist()
+        c, b, a = angles_of(pose[:3, :3], before)
         return dict(zip(_POSE, (*pose[:3, 3].tolist(), a, b, c), strict=True))
 
     def configuration(self, target: Target, quantities: Mapping[str, float]) -> Iterable[Edit]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, radians, sin, sqrt
+from math import atan2, cos, degrees, hypot, radians, sin, sqrt
 
 import numpy as np
 
@@ -54,24 +54,25 @@ def quaternion_of(R: FloatArray, near: Sequence[float]) -> list[float]:
     return [one / length for one in q]
 
 
-def angles_of(R: FloatArray, near_deg: Sequence[float]) -> FloatArray:
-    """(3,) W, P, R [deg] of a rotation, of its several sets those next to other angles.
+def angles_of(R: FloatArray, near_deg: Sequence[float]) -> list[float]:
+    """W, P, R [deg] of a rotation, of its several sets those next to other angles.
 
     Examples
     --------
-    >>> angles_of(rotation_of([170.0, 100.0, 200.0]), [170.0, 100.0, 200.0]).round(9).tolist()
+    >>> [round(one, 9) for one in angles_of(rotation_of([170.0, 100.0, 200.0]), [170.0, 100.0, 200.0])]
     [170.0, 100.0, 200.0]
     """
-    near = np.asarray(near_deg, dtype=float)
-    cosine = float(np.hypot(R[0, 0], R[1, 0]))
+    (a, b, _), (d, e, _), (g, h, i) = R.tolist()
+    cosine = hypot(a, d)
     if cosine < _LOCKED:
-        w = np.radians(near[0])
-        turn = np.arctan2(-R[0, 1], R[1, 1])  # of R - W, or of R + W
-        found = np.array([[w, np.arctan2(-R[2, 0], cosine), turn + (w if R[2, 0] < 0 else -w)]])
+        turn = atan2(-b, e)  # of R - W, or of R + W
+        w = radians(near_deg[0])
+        sets = [(w, atan2(-g, cosine), turn + (w if g < 0 else -w))]
     else:
-        both = np.array([1.0, -1.0])
-        w = np.arctan2(both * R[2, 1], both * R[2, 2])
-        found = np.stack([w, np.arctan2(-R[2, 0], both * cosine), np.arctan2(both * R[1, 0], both * R[0, 0])], axis=1)
-    degrees = np.degrees(found)
-    degrees += 360.0 * np.round((near - degrees) / 360.0)
-    return np.asarray(degrees[np.abs(degrees - near).max(axis=1).argmin()])
+        sets = [(atan2(s * h, s * i), atan2(-g, s * cosine), atan2(s * d, s * a)) for s in (1.0, -1.0)]
+    found = []
+    for angles in sets:
+        whole = [degrees(one) for one in angles]
+        turned = [one + 360.0 * round((near - one) / 360.0) for one, near in zip(whole, near_deg, strict=True)]
+        found.append((max(abs(one - near) for one, near in zip(turned, near_deg, strict=True)), turned))
+    return min(found)[1]

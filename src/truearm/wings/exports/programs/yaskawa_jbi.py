@@ -238,7 +238,7 @@ class YaskawaJob(Language):
             return dict(zip(_JOINTS, (np.degrees(joints) * target.unit).tolist(), strict=True))
         assert pose is not None  # of a Cartesian target
         old = [target.numbers[name].value for name in _POSE[3:]]
-        return dict(zip(_POSE, [*pose[:3, 3].tolist(), *angles_of(pose[:3, :3], old).tolist()], strict=True))
+        return dict(zip(_POSE, [*pose[:3, 3].tolist(), *angles_of(pose[:3, :3], old)], strict=True))
 
     def mark(self, program: Program, words: str) -> Edit:
         """See `Language`."""
