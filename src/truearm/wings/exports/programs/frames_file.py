@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from functools import cached_property
 from typing import Annotated, Self
 
@@ -96,18 +97,20 @@ class FramesFile(Document):
     pulses_per_deg: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)] | None = None
 
     def tool_of(self, name: str | None) -> FloatArray | None:
-        """(4, 4) tool in the flange, or None where it is not stated."""
-        stated = self.tools.get(name or self.tool or "")
-        return None if stated is None else stated.T
+        """(4, 4) tool in the flange, or None where it is not stated; the case of names does not count."""
+        return self.frames["tool", (name or self.tool or "").casefold()]
 
     def work_of(self, name: str | None) -> FloatArray | None:
         """(4, 4) work frame in the arm's base, or None where it is not stated."""
-        return self.works_in_base.get(name or self.work or "")
+        return self.frames["work", (name or self.work or "").casefold()]
 
     @cached_property
-    def works_in_base(self) -> dict[str, FloatArray]:
-        """The work frames in the arm's base."""
-        return {name: self.in_base(frame.T) for name, frame in self.works.items()}
+    def frames(self) -> defaultdict[tuple[str, str], FloatArray | None]:
+        """Tools and work frames, these in the arm's base, by their kinds and names."""
+        found: defaultdict[tuple[str, str], FloatArray | None] = defaultdict(lambda: None)
+        found |= {("tool", name.casefold()): frame.T for name, frame in self.tools.items()}
+        found |= {("work", name.casefold()): self.in_base(frame.T) for name, frame in self.works.items()}
+        return found
 
     def in_base(self, T_world: FloatArray) -> FloatArray:
         """A frame of the world in the arm's base."""

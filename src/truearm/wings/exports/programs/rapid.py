@@ -475,14 +475,14 @@ class _Module:
             left(f"its quaternion has the length {hypot(*q):.3g}")
             return None
         if len(used) > 1:
-            both = " and ".join(f"{_text(tool)} in {_text(work)}" for tool, work in list(used)[:2])
+            both = " and ".join(f"{self._spelled(tool)} in {self._spelled(work)}" for tool, work in list(used)[:2])
             left(f"it is used with {both}: one target cannot have two corrections")
             return None
         stated = next(iter(used), (b"", b""))
         tool_frame, lacks = self._resolved(self._tool, stated[0])
         work_frame, lacks_work = self._resolved(self._work, stated[1])
         if tool_frame is None or work_frame is None:
-            left(lacks or lacks_work)
+            left(lacks if tool_frame is None else lacks_work)
             return None
         conditions = _conditions(values)
         if conditions is None:
@@ -493,6 +493,10 @@ class _Module:
             name, line, numbers, pose=pose, T_flange_tool=tool_frame, T_base_work=work_frame, conditions=conditions
         )
 
+    def _spelled(self, name: bytes) -> str:
+        """A name as the module has it first."""
+        return _text(next((token.text for token in self.tokens if token.word == name), name))
+
     def _resolved(self, find: Callable[[bytes], _Frame], name: bytes) -> _Frame:
         """A frame that is looked for once."""
         key = (find.__name__, name)
@@ -502,7 +506,7 @@ class _Module:
 
     def _tool(self, name: bytes) -> _Frame:
         """A tool in the flange, or what is to be stated."""
-        frames, text = self.beside.frames, _text(name)
+        frames, text = self.beside.frames, self._spelled(name)
         if name == b"tool0":
             return np.eye(4), ""
         kind, value, _ = self.frames.get(name, (b"", None, 0))
@@ -519,7 +523,7 @@ class _Module:
 
     def _work(self, name: bytes) -> _Frame:
         """A work object in the base of the arm, or what is to be stated."""
-        frames, text = self.beside.frames, _text(name)
+        frames, text = self.beside.frames, self._spelled(name)
         if name == b"wobj0":
             return frames.in_base(np.eye(4)), ""
         kind, value, _ = self.frames.get(name, (b"", None, 0))

@@ -1,0 +1,303 @@
+"""Programs corrected as a whole: bytes that stay, the reverse, what is refused, and the command."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from made_up_listings import fitted
+from made_up_programs import TOOL, WORK, in_work, krl_files, rapid_module
+
+import truearm as ta
+from truearm.errors import InputError
+from truearm.wings.exports.programs.correct_program import correct_program
+from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, with_tool
+from truearm.wings.exports.targets.targets import Targets
+
+IRB, KR = "irb2600-12-165", "kr16"
+RPY_TOOL = (35.0, -20.0, 140.0, 0.0, np.pi / 2, 0.0)
+NUMBERS = re.compile(rb"[-+]?\d*\.?\d+(?:E[-+]?\d+)?")
+
+
+def joints_of(arm, n=20, seed=1):
+    lower, upper = {
+        IRB: ([-1.0, -0.4, -0.6, -1.0, 0.4, -1.5], [1.0, 0.8, 0.6, 1.0, 1.6, 1.5]),
+        KR: ([-1.0, -1.6, 1.3, -1.0, 0.4, -1.5], [1.0, -0.8, 2.1, 1.0, 1.6, 1.5]),
+    }[arm]
+    return np.random.default_rng(seed).uniform(lower, upper, (n, 6))
+
+
+def written(folder, content, name="made.mod"):
+    (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
+    return folder / name
+
+
+def corrected(model, file, **options):
+    return correct_program(model, file, **({"untrained": "accept"} | options))
+
+
+def joints_module(joints, digits=4):
+    rows = [",".join(f"{one:.{digits}f}" for one in row) for row in np.degrees(joints)]
+    none = ",".join(["9E9"] * 6)
+    lines = [f"CONST jointtarget j{i}:=[[{row}],[{none}]];" for i, row in enumerate(rows)]
+    return "\n".join(["MODULE Made", *lines, "ENDMODULE", ""])
+
+
+def numbers_of(content, name):
+    """Numbers of the aggregates of a name, p0 .. or XP0 .., up to the seventh."""
+    lines = [line for line in content.splitlines() if re.search(rb"\b" + name + rb"\d+\s*:?=\s*[\[{]", line)]
+    return np.array([[float(one) for one in NUMBERS.findall(re.split(rb"=", line, maxsplit=1)[1])] for line in lines])
+
+
+class TestTheTip:
+    """A controller that knows the arm as drawn, sent to the new targets, has the arm at the pose meant."""
+
+    def check(self, arm, planned, sent):
+        model = fitted(arm)
+        equipped, rows = with_tool(model, np.array(RPY_TOOL)), np.arange(len(sent))
+        meant = nominal_poses(equipped).pose(planned, rows)
+        there = poses_of(equipped, Targets.of_joints(sent).session(sent)).pose(sent, rows)
+        away = np.linalg.norm(meant.tip_in_base - there.tip_in_base, axis=1)
+        assert away.max() < 1e-3  # [mm]: targets have six decimals
+        before = poses_of(equipped, Targets.of_joints(planned).session(planned)).pose(planned, rows)
+        assert np.linalg.norm(meant.tip_in_base - before.tip_in_base, axis=1).max() > 0.05
+
+    def solved(self, arm, poses, start):
+        """Joints at poses of the tool, by the general inverse kinematics."""
+        chain = ta.load_arm(arm).chain.with_tip(np.zeros(3))
+        flange = WORK @ poses @ np.linalg.inv(TOOL)
+        from truearm.arm.inverse_kinematics import solve_inverse_kinematics
+
+        found = solve_inverse_kinematics(chain, flange[:, :3, 3], R_base_tip=flange[:, :3, :3], start=start)
+        assert found.reached.all()
+        return found.angles
+
+    def test_rapid(self, tmp_path):
+        planned = joints_of(IRB)
+        text = rapid_module(ta.load_arm(IRB).chain, planned)
+        found = corrected(fitted(IRB), written(tmp_path, text))
+        assert found.is_complete
+        from scipy.spatial.transform import Rotation
+
+        values = numbers_of(found.content, b"p")
+        poses = np.tile(np.eye(4), (len(values), 1, 1))
+        poses[:, :3, 3] = values[:, :3]
+        poses[:, :3, :3] = Rotation.from_quat(values[:, 3:7], scalar_first=True).as_matrix()
+        self.check(IRB, planned, self.solved(IRB, poses, planned))
+
+    def test_krl(self, tmp_path):
+        planned = joints_of(KR)
+        for name, text in krl_files(ta.load_arm(KR).chain, planned, name="made").items():
+            written(tmp_path, text, name)
+        found = corrected(fitted(KR), tmp_path / "made.dat")
+        assert found.is_complete
+        from scipy.spatial.transform import Rotation
+
+        values = numbers_of(re.sub(rb"([XYZABCST]|E\d) ", b" ", found.content), b"XP")
+        poses = np.tile(np.eye(4), (len(values), 1, 1))
+        poses[:, :3, 3] = values[:, :3]
+        poses[:, :3, :3] = Rotation.from_euler("ZYX", values[:, 3:6], degrees=True).as_matrix()
+        self.check(KR, planned, self.solved(KR, poses, planned))
+
+
+class TestBytes:
+    @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+    def test_a_model_equal_to_the_nominal_arm_changes_no_byte(self, tmp_path, end):
+        text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB), digits=(2, 6)).replace("\n", end)
+        found = corrected(fitted(IRB, "nominal"), written(tmp_path, text))
+        assert found.content == text.encode()
+        assert len(found.changes) == 20
+
+    def test_only_the_numbers_of_targets_change(self, tmp_path):
+        text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB), digits=(2, 6)).replace("PROC", "! Größe\r\n\tPROC")
+        found = corrected(fitted(IRB), written(tmp_path, text))
+        mark, *rest = [line for line in found.content.splitlines(keepends=True) if b"truearm" in line]
+        assert re.fullmatch(rb"! truearm command [0-9a-f]{8}\n", mark)
+        assert not rest
+        new = found.content.replace(mark, b"")
+        assert NUMBERS.sub(b"#", new) == NUMBERS.sub(b"#", text.encode("latin-1"))
+        assert [line for line in new.splitlines() if b"robtarget" not in line] == [
+            line for line in text.encode("latin-1").splitlines() if b"robtarget" not in line
+        ]
+
+    def test_digits_are_those_of_the_neighbours_and_more_where_the_change_is_lost(self, tmp_path):
+        joints = joints_of(IRB, 1)
+        fine = corrected(fitted(IRB), written(tmp_path, joints_module(joints, 5))).changes[0]
+        assert {len(text.partition(b".")[2]) for text in fine.numbers.values()} == {5}
+        coarse = corrected(fitted(IRB), written(tmp_path, joints_module(np.radians([[5, 10, 15, 20, 30, 40]]), 0)))
+        change = coarse.changes[0]
+        largest = max(abs(float(text) - change.target.numbers[name].value) for name, text in change.numbers.items())
+        # Rounding is at most a fortieth of the largest change.
+        off = [
+            abs(float(text) - q)
+            for (_, text), q in zip(sorted(change.numbers.items()), np.degrees(change.joints), strict=True)
+        ]
+        assert max(off) <= largest / 40
+
+    def test_the_reverse_takes_the_mark_and_the_correction_away(self, tmp_path):
+        text = joints_module(joints_of(IRB))
+        first = corrected(fitted(IRB), written(tmp_path, text))
+        back = corrected(fitted(IRB), written(tmp_path, first.content), direction="feedback")
+        assert b"truearm" not in back.content
+        np.testing.assert_allclose(numbers_of(back.content, b"j"), numbers_of(text.encode(), b"j"), atol=2e-4)
+
+    def test_a_mark_that_the_controller_wrote_anew_is_undone(self, tmp_path):
+        first = corrected(fitted(IRB), written(tmp_path, joints_module(joints_of(IRB)))).content
+        saved = first.replace(b"! truearm", b"  !truearm")
+        back = corrected(fitted(IRB), written(tmp_path, saved), direction="feedback").content
+        assert b"!truearm undone" in back
+
+    def test_a_configuration_changes_where_a_joint_crosses_its_border(self, tmp_path):
+        model, arm = fitted(IRB), ta.load_arm(IRB)
+        joints = joints_of(IRB, 1)
+        moved = corrected(model, written(tmp_path, rapid_module(arm.chain, joints))).changes[0]
+        change = moved.joints - moved.nominal
+        # Joint 4 is just on one side of zero, and the correction brings it to the other.
+        joints[0, 3] = -0.3 * change[3]
+        text = rapid_module(arm.chain, joints)
+        found = corrected(model, written(tmp_path, text)).changes[0]
+        before, after = (f"[0,{0 if q > 0 else -1}," for q in (joints[0, 3], joints[0, 3] + change[3]))
+        assert before != after
+        edited = {edit.text for edit in found.edits} - set(found.numbers.values())
+        assert edited == {after.split(",")[1].encode()}
+
+
+class TestRefusals:
+    def test_twice_is_refused(self, tmp_path):
+        first = corrected(fitted(IRB), written(tmp_path, joints_module(joints_of(IRB))))
+        with pytest.raises(InputError, match="corrected already"):
+            corrected(fitted(IRB), written(tmp_path, first.content))
+
+    def test_the_program_of_another_robot_is_refused(self, tmp_path):
+        joints = joints_of(KR)
+        with pytest.raises(InputError, match="targets are none of 'irb2600-12-165'.*line 2|line 2.*none of"):
+            corrected(fitted(IRB), written(tmp_path, joints_module(np.pi - joints)))
+
+    def test_poses_out_of_reach_are_those_of_another_robot(self, tmp_path):
+        text = rapid_module(ta.load_arm("irb6700-200-260").chain, joints_of(IRB))
+        with pytest.raises(InputError, match="none of 'irb2600-12-165'"):
+            corrected(fitted(IRB), written(tmp_path, text))
+
+    def test_a_single_target_out_of_reach_stays_as_it_is(self, tmp_path):
+        text = re.sub(r"(p3:=\[\[)[^,]*", r"\g<1>9000.0", rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)))
+        found = corrected(fitted(IRB), written(tmp_path, text))
+        assert [one.name for one in found.refused] == ["p3"]
+        assert not found.is_complete
+        old, new = (re.search(rb"p3:=.*", content)[0] for content in (text.encode(), found.content))
+        assert old == new
+
+    def test_outside_the_trained_range_a_target_is_refused_or_corrected(self, tmp_path):
+        joints = joints_of(IRB, 8)
+        joints[0, 0] = 2.9
+        file = written(tmp_path, joints_module(joints))
+        assert "outside the trained range" in correct_program(fitted(IRB), file).refused[0].reason
+        assert corrected(fitted(IRB), file).is_complete
+
+    def test_without_a_configuration_start_joints_choose_it(self, tmp_path):
+        joints = joints_of(KR, 3)
+        files = krl_files(ta.load_arm(KR).chain, joints, name="made")
+        for name, text in files.items():
+            written(tmp_path, re.sub(r",S \d+,T \d+", "", text), name)
+        found = corrected(fitted(KR), tmp_path / "made.dat")
+        assert not found.changes
+        assert "--start" in found.refused[0].reason
+        assert corrected(fitted(KR), tmp_path / "made.dat", start=joints.mean(axis=0)).is_complete
+
+    def test_another_number_of_joints_is_refused(self, tmp_path):
+        with pytest.raises(InputError, match="arms of 6 turning joints"):
+            corrected(fitted("panda"), written(tmp_path, joints_module(joints_of(IRB))))
+
+    def test_a_file_of_no_language_is_refused(self, tmp_path):
+        with pytest.raises(InputError, match="a program of no known language"):
+            corrected(fitted(IRB), written(tmp_path, "G0 X1 Y2\n"))
+
+
+class TestMoves:
+    def test_a_straight_move_between_corrected_ends_is_looked_at(self, tmp_path):
+        planned = joints_of(IRB, 2)
+        text = rapid_module(ta.load_arm(IRB).chain, planned)
+        (note,) = corrected(fitted(IRB), written(tmp_path, text)).notes
+        stated = float(re.search(r"at most (\S+) mm \(line 8\)", note)[1])
+        # The same target corrected half way: how far it is from the middle of the corrected ends.
+        poses = in_work(ta.load_arm(IRB).chain, planned)
+        ends = corrected(fitted(IRB), tmp_path / "made.mod").content
+        middle = self.between(*poses)
+        near = planned.mean(axis=0)
+        chain = ta.load_arm(IRB).chain.with_tip(np.zeros(3))
+        from truearm.arm.inverse_kinematics import solve_inverse_kinematics
+
+        flange = WORK @ middle @ np.linalg.inv(TOOL)
+        solved = solve_inverse_kinematics(
+            chain, flange[None, :3, 3], R_base_tip=flange[None, :3, :3], start=near
+        ).angles
+        half = corrected(fitted(IRB), written(tmp_path, rapid_module(ta.load_arm(IRB).chain, solved))).content
+        new = numbers_of(half, b"p")[0, :3]
+        away = np.linalg.norm(new - numbers_of(ends, b"p")[:, :3].mean(axis=0))
+        assert 0 < away < 1.001 * stated + 0.001
+
+    @staticmethod
+    def between(T, T_end):
+        from scipy.spatial.transform import Rotation
+
+        turn = Rotation.from_matrix(T_end[:3, :3] @ T[:3, :3].T).as_rotvec()
+        middle = (T + T_end) / 2
+        middle[:3, :3] = Rotation.from_rotvec(turn / 2).as_matrix() @ T[:3, :3]
+        return middle
+
+
+class TestCommand:
+    @pytest.fixture
+    def model(self, tmp_path):
+        fitted(IRB).save(tmp_path / "irb.truearm")
+        return tmp_path / "irb.truearm"
+
+    def test_a_program_is_recognised_and_written(self, tmp_path, model, truearm):
+        file = written(tmp_path, rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)))
+        out = tmp_path / "new.mod"
+        printed = truearm("correct", model, file, "--out", out, "--untrained", "accept", "--diff").done().out
+        assert printed.startswith("20 of 20 targets corrected (ABB RAPID)")
+        assert "change [mm]" in printed
+        assert out.read_bytes() == corrected(fitted(IRB), file).content
+
+    def test_json_names_every_target(self, tmp_path, model, truearm):
+        file, out = written(tmp_path, rapid_module(ta.load_arm(IRB).chain, joints_of(IRB))), tmp_path / "new.mod"
+        printed = truearm("correct", model, file, "--out", out, "--untrained", "accept", "--json").done().out
+        assert [one["target"] for one in json.loads(printed)["corrected"]] == [f"p{i}" for i in range(20)]
+
+    def test_what_is_not_stated_is_listed_and_the_exit_code_says_so(self, tmp_path, model, truearm):
+        text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)).replace(",tGrip\\", ",tOther\\", 1)
+        file, out = written(tmp_path, text), tmp_path / "new.mod"
+        ran = truearm("correct", model, file, "--out", out, "--untrained", "accept")
+        assert ran.code == 1
+        assert "line 4, p0: the tool tOther is not in this module: state it in --frames" in ran.out
+
+    def test_frames_are_stated_in_a_file(self, tmp_path, model, truearm):
+        text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)).replace("tGrip:=", "tElse:=")
+        frames = written(tmp_path, "[tools.tGrip]\nxyz_mm = [35, -20, 140]\nwpr_deg = [0, 90, 0]\n", "frames.toml")
+        file, out = written(tmp_path, text), tmp_path / "new.mod"
+        truearm("correct", model, file, "--out", out, "--untrained", "accept", "--frames", frames).done()
+        original = written(tmp_path, rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)), "other.mod")
+        assert out.read_bytes() == corrected(fitted(IRB), original).content.replace(b"tGrip:=", b"tElse:=")
+
+    @pytest.mark.parametrize(
+        ("options", "problem"),
+        [
+            (["--as", "rapid"], "--as is for tables"),
+            (["--tool", "0,0,1"], "--tool is for tables"),
+            (["--out", "new.csv"], ".mod"),
+        ],
+    )
+    def test_options_of_tables_are_refused(self, tmp_path, model, refused, options, problem):
+        file = written(tmp_path, joints_module(joints_of(IRB)))
+        refused(["correct", model, file, "--out", tmp_path / "new.mod", *options], problem)
+
+    def test_nothing_is_written_where_nothing_is_corrected(self, tmp_path, model, truearm):
+        text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)).replace(",tGrip\\", ",tOther\\")
+        ran = truearm("correct", model, written(tmp_path, text), "--out", tmp_path / "new.mod")
+        assert ran.code == 3
+        assert "None of 20 targets corrected" in ran.out
+        assert not (tmp_path / "new.mod").exists()
+
+    def test_a_truncated_program_leaves_nothing(self, tmp_path, model, refused):
+        text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB))[:900]
+        refused(["correct", model, written(tmp_path, text), "--out", tmp_path / "new.mod"], "cut off")

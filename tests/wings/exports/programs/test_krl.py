@@ -1,0 +1,149 @@
+"""KRL files in odd layouts: every literal target is found, nothing else, and what is not changed has a reason."""
+
+import numpy as np
+import pytest
+from made_up_programs import TOOL, WORK, krl_files, krl_frame
+
+import truearm as ta
+from truearm.errors import InputError
+from truearm.files.toml_documents import parse_toml
+from truearm.wings.exports.programs.frames_file import FramesFile
+from truearm.wings.exports.programs.krl import Krl
+from truearm.wings.exports.programs.languages import language_of
+from truearm.wings.exports.programs.program import Surroundings, with_edits
+
+POSE = "{X 600,Y 0.5,Z -7.25,A 90,B 10.0,C -3.5e1,S 2,T 35,E1 0.0,E2 0}"
+JOINTS = "{A1 1,A2 -90,A3 90.5,A4 4,A5 5,A6 -6,E1 0}"
+FRAMES = "[tools.1]\nxyz_mm = [0, 0, 120]\n[works.2]\nxyz_mm = [500, 0, 0]\n"
+BOTH = "BAS(#TOOL,1)\nBAS(#BASE,2)\n"
+
+
+def read(text, frames=FRAMES, file=None):
+    data = text.encode("latin-1")
+    assert isinstance(language_of(data), Krl)
+    return Krl().read(data, Surroundings(file, parse_toml(frames.encode(), FramesFile)))
+
+
+def source(body, end="\n"):
+    return end.join(["&ACCESS RVP", "&REL 1", "DEF Made( )", *body.split("\n"), "END", ""])
+
+
+def reasons(program):
+    return {one.name: one.reason for one in program.left}
+
+
+LAYOUTS = {
+    "a pose in a move": (BOTH + f"PTP {POSE} C_PTP", ["PTP in line 6"]),
+    "joints in a move": (f"PTP {JOINTS}", ["PTP in line 4"]),
+    "no type in front, lower case": (BOTH + f"lin {POSE.lower()}", ["LIN in line 6"]),
+    "a type in front": (BOTH + f"LIN {{E6POS: {POSE[1:]} C_DIS", ["LIN in line 6"]),
+    "blanks": (BOTH + f"SLIN {POSE.replace(',', ' ,  ').replace(' ', '  ')}", ["SLIN in line 6"]),
+    "a circle": (BOTH + f"CIRC {POSE},{POSE},CA 90", ["CIRC in line 6", "CIRC in line 6"]),
+    "commented out": (f"; PTP {JOINTS}\nPTP {JOINTS} ;PTP {JOINTS}", ["PTP in line 5"]),
+    "a fold": (f";FOLD PTP P1 Vel=100 % ;%{{PE}} {JOINTS}\nPTP {JOINTS}\n;ENDFOLD", ["PTP in line 5"]),
+    "a text": (f'MSG("; {{A1 1}}")\nPTP {JOINTS}', ["PTP in line 5"]),
+    "declared and given": (f"DECL E6AXIS AX\nAX={JOINTS}\nPTP AX", ["AX"]),
+    "declared with its value": (f"DECL GLOBAL E6AXIS AX = {JOINTS}\nPTP AX", ["AX"]),
+    "elements of an array": (f"DECL E6AXIS P[2]\nP[1]={JOINTS}\nP[ 2 ]={JOINTS}\nPTP P[2]", ["P[1]", "P[ 2 ]"]),
+    "several names": (f"DECL E6AXIS AX, AY\nAY={JOINTS}\nPTP AY", ["AY"]),
+    "a frame that a move reaches": (BOTH + f"DECL FRAME F1\nF1={POSE}\nLIN F1", ["F1"]),
+    "a frame that no move reaches": (f"DECL FRAME F1\nF1={POSE}", []),
+    "bits": (BOTH + "PTP " + POSE.replace("S 2", "S 'B00010'").replace("T 35", "T 'H23'"), ["PTP in line 6"]),
+    "tools and bases are no targets": (f"$TOOL={POSE}\n$BASE={POSE}\nTOOL_DATA[1]={POSE}\nBASE_DATA[2]={POSE}", []),
+    "loads are no targets": ("LOAD_DATA[1]={M 1,CM {X 0,Y 0,Z 1,A 0,B 0,C 0},J {X 0,Y 0,Z 0}}", []),
+    "external axes alone": ("EX={E1 1,E2 2}", []),
+    "tiny numbers": (f"PTP {JOINTS.replace('A1 1,', 'A1 -9.99999999E-99,')}", ["PTP in line 4"]),
+}
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("what", LAYOUTS)
+def test_every_literal_target_is_found_and_nothing_else(what, end):
+    body, names = LAYOUTS[what]
+    program = read(source(body, end))
+    assert sorted(target.name for target in program.targets) == sorted(names)
+    for target in program.targets:
+        for number in target.numbers.values():
+            assert program.data[number.start : number.end] == number.text
+        assert not any(name.startswith("E") for name in target.numbers)
+    assert with_edits(program.data, []) == program.data
+
+
+LEFT = {
+    "computed": ("DECL E6POS P1\nP1=XP2", "P1", "computes it"),
+    "a component": (f"DECL E6AXIS AX\nAX={JOINTS}\nAX.A1=5\nPTP AX", "AX.A1", "computes it"),
+    "not literal": ("PTP {A1 a,A2 0,A3 0,A4 0,A5 0,A6 0}", "PTP in line 4", "not literal"),
+    "part of a pose": (BOTH + "LIN {X 1,Z 2}", "LIN in line 6", "keep the last value"),
+    "part of the joints": ("PTP {A1 1}", "PTP in line 4", "keep the last value"),
+    "increments": ("LIN_REL {Z 5}", "LIN_REL {Z 5}", "increments"),
+    "a product of frames": ("LIN XP1:OFFS", "LIN XP1:OFFS", "computes it"),
+    "where the robot is": ("PTP $AXIS_ACT", "$AXIS_ACT", "computes it"),
+    "another file": ("PTP XHOME", "XHOME", "another file"),
+    "no tool": (f"LIN {POSE}", "LIN in line 4", "its tool is not stated: state it in --frames"),
+    "a tool that is not stated": (
+        f"BAS(#TOOL,7)\nBAS(#BASE,2)\nLIN {POSE}",
+        "LIN in line 6",
+        "TOOL_DATA[7] is not in this program: state it in --frames",
+    ),
+    "a base that moves": (
+        f"BAS(#TOOL,1)\n$BASE=EK(MACHINE_DEF[2].ROOT,2,BASE_DATA[2])\nLIN {POSE}",
+        "LIN in line 6",
+        "external kinematic",
+    ),
+    "absolutely accurate": (BOTH + f"PTP {POSE.replace('S 2', 'S 18')}", "PTP in line 6", "absolutely accurate"),
+    "no such status": (BOTH + f"PTP {POSE.replace('S 2', 'S 10')}", "PTP in line 6", "none of a six-axis arm"),
+    "a tool in the cell": (
+        f'DECL FDAT FP1={{TOOL_NO 1,BASE_NO 2,IPO_FRAME #TCP,POINT2[] " "}}\nDECL E6POS XP1={POSE}',
+        "XP1",
+        "fixed in the cell",
+    ),
+    "two tools": (
+        f"DECL E6POS P1\nP1={POSE}\n" + BOTH + "LIN P1\nBAS(#TOOL,0)\nLIN P1",
+        "P1",
+        "two corrections",
+    ),
+    "an unknown type": (f"STATION={POSE}", "STATION", "type is not declared"),
+}
+
+
+@pytest.mark.parametrize("what", LEFT)
+def test_what_is_not_changed_has_a_reason(what):
+    body, name, reason = LEFT[what]
+    program = read(source(body))
+    assert reason in reasons(program)[name]
+
+
+def test_taught_points_have_the_tool_and_base_of_their_fdat(tmp_path):
+    arm = ta.load_arm("kr16")
+    joints = np.radians([[10.0, -80, 100, 20, 40, -30], [-10.0, -70, 95, -20, -40, 30]])
+    for name, text in krl_files(arm.chain, joints).items():
+        (tmp_path / name).write_text(text)
+    program = Krl().read((tmp_path / "Made.dat").read_bytes(), Surroundings(tmp_path / "Made.dat"))
+    assert [target.name for target in program.targets] == ["XP0", "XP1"]
+    for target in program.targets:
+        np.testing.assert_allclose(target.T_flange_tool, TOOL, atol=1e-6)
+        np.testing.assert_allclose(target.T_base_work, WORK, atol=1e-6)
+    assert "$config.dat" in program.notes[0]
+    source_file = Krl().read((tmp_path / "Made.src").read_bytes(), Surroundings(tmp_path / "Made.src"))
+    assert not source_file.targets
+    assert reasons(source_file) == {"XP0": "its numbers are in another file", "XP1": "its numbers are in another file"}
+
+
+def test_a_tool_in_the_text_counts_from_its_line_on():
+    text = source(f"$TOOL={{{krl_frame(TOOL)}}}\n$BASE=$NULLFRAME\nLIN {POSE}\n$TOOL=TOOL_DATA[1]\nLIN {POSE}")
+    first, second = read(text).targets
+    np.testing.assert_allclose(first.T_flange_tool, TOOL, atol=1e-6)
+    np.testing.assert_allclose(second.T_flange_tool[:3, 3], [0, 0, 120])
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("DEF Made( )\nPTP HOME\n", "DEF has no END: the file is cut off"),
+        ("DEFDAT Made\nDECL E6POS XP1={X 1}\n", "DEFDAT has no ENDDAT: the file is cut off"),
+        ("DEF Made( )\nPTP {A1 1,\nEND\n", "a bracket { is not closed"),
+    ],
+)
+def test_a_damaged_file_is_refused(text, problem):
+    with pytest.raises(InputError, match=problem):
+        read(text)

@@ -1,0 +1,243 @@
+"""RAPID modules in odd layouts: every literal target is found, nothing else, and what is not changed has a reason."""
+
+import numpy as np
+import pytest
+
+from truearm.errors import InputError
+from truearm.files.toml_documents import parse_toml
+from truearm.wings.exports.programs.frames_file import FramesFile
+from truearm.wings.exports.programs.languages import language_of
+from truearm.wings.exports.programs.program import Surroundings, with_edits
+from truearm.wings.exports.programs.rapid import Rapid
+
+NONE = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
+POSE = f"[[600,0.50,-7.25],[0,0.707107,0.707107,0],[0,-1,0,1],{NONE}]"
+JOINTS = f"[[1,-2,3.5,4,5,6],{NONE}]"
+FRAMES = """
+[tools.tGrip]
+xyz_mm = [0, 0, 120]
+[works.wTable]
+xyz_mm = [500, 0, 0]
+"""
+USE = "PROC main()\nMoveL {name},v100,fine,tGrip\\WObj:=wTable;\nENDPROC\n"
+
+
+def read(text, frames=FRAMES, encoding="latin-1"):
+    data = text if isinstance(text, bytes) else text.encode(encoding)
+    assert isinstance(language_of(data), Rapid)
+    return Rapid().read(data, Surroundings(None, parse_toml(frames.encode(), FramesFile)))
+
+
+def module(body, end="\n"):
+    return f"MODULE Made{end}{body}{end}ENDMODULE{end}"
+
+
+def found(program):
+    return [target.name for target in program.targets]
+
+
+def reasons(program):
+    return {one.name: one.reason for one in program.left}
+
+
+LAYOUTS = {
+    "a pose": (f"CONST robtarget p1:={POSE};\n" + USE.format(name="p1"), ["p1"]),
+    "joints": (f"CONST jointtarget j1:={JOINTS};", ["j1"]),
+    "lower case, blanks and line breaks": (
+        "local pers ROBTARGET p1 :=\n  " + POSE.replace(",", " ,\n\t") + " ;\n" + USE.format(name="P1"),
+        ["p1"],
+    ),
+    "Windows lines": (f"CONST robtarget p1:={POSE};\r\n" + USE.format(name="p1").replace("\n", "\r\n"), ["p1"]),
+    "mixed lines and tabs": (f"\tCONST\tjointtarget\tj1\t:=\t{JOINTS};\r\n\n\rVAR num n:=1;", ["j1"]),
+    "commented out": (f"! CONST jointtarget j0:={JOINTS};\nCONST jointtarget j1:={JOINTS}; ! {JOINTS}", ["j1"]),
+    "in a text": (f'TPWrite "CONST jointtarget j0:={JOINTS}; ""! ";\nCONST jointtarget j1:={JOINTS};', ["j1"]),
+    "a comment inside": (f"CONST jointtarget j1:=[[1,-2, ! two\n3.5,4,5,6],{NONE}];", ["j1"]),
+    "in a move": (
+        f"PROC a()\nMoveL {POSE},v1,fine,tGrip\\WObj:=wTable;\nMoveAbsJ {JOINTS}\\NoEOffs,v1,fine,tool0;\nENDPROC",
+        ["MoveL in line 3", "MoveAbsJ in line 4"],
+    ),
+    "a circle": (
+        f"PROC main()\nMoveC {POSE},{POSE},v100,z10,tGrip\\WObj:=wTable;\nENDPROC",
+        ["MoveC in line 3", "MoveC in line 3"],
+    ),
+    "concurrent, with an identifier": (
+        f"PROC main()\nMoveL\\Conc,{POSE}\\ID:=10,v100,fine,tGrip\\WObj:=wTable;\nENDPROC",
+        ["MoveL in line 3"],
+    ),
+    "a search": (
+        f"PROC main()\nSearchL\\Stop,di1,pFound,{POSE},v10,tGrip\\WObj:=wTable;\nENDPROC",
+        ["SearchL in line 3"],
+    ),
+    "a weld": (
+        f"PROC main()\nArcLStart {POSE},v10,s1,w1,fine,tGrip\\WObj:=wTable;\nENDPROC",
+        ["ArcLStart in line 3"],
+    ),
+    "an array": (f"CONST jointtarget j{{2}}:=[{JOINTS},{JOINTS}];", ["j{1}", "j{2}"]),
+    "an array of two dimensions": (
+        f"CONST jointtarget j{{2,1}}:=[[{JOINTS}],[{JOINTS}]];",
+        ["j{1}{1}", "j{2}{1}"],
+    ),
+    "a record": (
+        (
+            "RECORD station\nnum n;\njointtarget at;\nstring text;\nENDRECORD\n"
+            f'CONST station s1:=[1,{JOINTS},"here"];\nCONST station s2{{2}}:=[[1,{JOINTS},""],[2,{JOINTS},""]];'
+        ),
+        ["s1.2", "s2{1}.2", "s2{2}.2"],
+    ),
+    "an assignment": (f"VAR jointtarget j1;\nPROC main()\nj1:={JOINTS};\nENDPROC", ["j1"]),
+    "signs and powers of ten": (
+        f"CONST jointtarget j1:=[[+1,- 2,3.09E-08,-4.e0,.5,0006],{NONE}];",
+        ["j1"],
+    ),
+    "no last line end": (f"CONST jointtarget j1:={JOINTS};", ["j1"]),
+    "German comments": (f"! Störung löschen\nCONST jointtarget jÜber:={JOINTS};", ["jÜber"]),
+    "tools and frames are no targets": (
+        (
+            "PERS tooldata t1:=[TRUE,[[0,0,1],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+            "CONST pose q1:=[[1,2,3],[1,0,0,0]];\nPERS loaddata l1:=[1,[0,0,1],[1,0,0,0],0,0,0];"
+        ),
+        [],
+    ),
+}
+
+
+@pytest.mark.parametrize("what", LAYOUTS)
+def test_every_literal_target_is_found_and_nothing_else(what):
+    body, names = LAYOUTS[what]
+    text = module(body)
+    program = read(text.removesuffix("\n") if "no last" in what else text)
+    assert found(program) == names
+    # Every number's bytes are those of the program.
+    for target in program.targets:
+        for number in target.numbers.values():
+            assert program.data[number.start : number.end] == number.text
+        assert list(target.numbers) == (
+            ["j1", "j2", "j3", "j4", "j5", "j6"]
+            if target.joints is not None
+            else ["x", "y", "z", "q1", "q2", "q3", "q4", "cf1", "cf4", "cf6", "cfx"]
+        )
+    assert with_edits(program.data, []) == program.data
+
+
+LEFT = {
+    "computed": ("VAR robtarget p1;\nPROC main()\np1:=Offs(p0,1,2,3);\nENDPROC", "p1 :=", "computes it"),
+    "a component": ("VAR robtarget p1;\nPROC main()\np1.trans.x:=5;\nENDPROC", "p1.trans.x :=", "computes it"),
+    "not literal": (f"CONST jointtarget j1:=[[a,2,3,4,5,6],{NONE}];", "j1", "not literal"),
+    "a sum": (f"CONST jointtarget j1:=[[1+1,2,3,4,5,6],{NONE}];", "j1", "not literal"),
+    "a placeholder": ("CONST jointtarget j1:=[[9E9,9E9,9E9,9E9,9E9,9E9],[0,0,0,0,0,0]];", "j1", "placeholder"),
+    "not taught": (f"CONST robtarget p1:=[[1,2,3],[0,0,0,0],[0,0,0,0],{NONE}];", "p1", "quaternion is zero"),
+    "not a unit": (f"CONST robtarget p1:=[[1,2,3],[1,1,0,0],[0,0,0,0],{NONE}];", "p1", "length 1.41"),
+    "seven axes": (
+        f"CONST robtarget p1:=[[1,2,3],[1,0,0,0],[0,0,0,11],{NONE}];\n" + USE.format(name="p1"),
+        "p1",
+        "none of a six-axis arm",
+    ),
+    "from another": (
+        f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL Offs(p1,0,0,9),v1,fine,tGrip;\nENDPROC",
+        "MoveL Offs(p1,0,0,9)",
+        "from p1",
+    ),
+    "another module": (
+        "PROC main()\nMoveL pFar,v1,fine,tGrip;\nENDPROC",
+        "MoveL pFar",
+        "another module",
+    ),
+    "unknown tool": (
+        f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tNew\\WObj:=wTable;\nENDPROC",
+        "p1",
+        "the tool tNew is not in this module: state it in --frames",
+    ),
+    "unknown work object": (
+        f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tGrip\\WObj:=wNew;\nENDPROC",
+        "p1",
+        "the work object wNew is not in this module: state it in --frames",
+    ),
+    "never used": (f"CONST robtarget p1:={POSE};", "p1", "no move of this module uses it"),
+    "two tools": (
+        f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tGrip;\nMoveL p1,v1,fine,tool0;\nENDPROC",
+        "p1",
+        "two corrections",
+    ),
+    "a stationary tool": (
+        (
+            "PERS tooldata tFix:=[FALSE,[[0,0,1],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+            f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tFix\\WObj:=wTable;\nENDPROC"
+        ),
+        "p1",
+        "stationary",
+    ),
+    "a positioner": (
+        (
+            'PERS wobjdata wTurn:=[FALSE,FALSE,"STN1",[[0,0,1],[1,0,0,0]],[[0,0,1],[1,0,0,0]]];\n'
+            f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tGrip\\WObj:=wTurn;\nENDPROC"
+        ),
+        "p1",
+        'moves with the unit "STN1"',
+    ),
+    "a part that the robot holds": (
+        (
+            'PERS wobjdata wHeld:=[TRUE,TRUE,"",[[0,0,1],[1,0,0,0]],[[0,0,1],[1,0,0,0]]];\n'
+            f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tGrip\\WObj:=wHeld;\nENDPROC"
+        ),
+        "p1",
+        "held by the robot",
+    ),
+    "a hidden target": ("PROC main()\nMoveL *,v1,fine,tGrip;\nENDPROC", "MoveL *", "hidden"),
+    "an unfinished move": ("PROC main()\nMoveL;\nENDPROC", "MoveL", "no target yet"),
+    "an unknown type": (f"CONST station s1:=[1,{JOINTS}];\nCONST jointtarget j1:={JOINTS};", "s1", "station is not"),
+}
+
+
+@pytest.mark.parametrize("what", LEFT)
+def test_what_is_not_changed_has_a_reason(what):
+    body, name, reason = LEFT[what]
+    program = read(module(body))
+    assert name.removesuffix(" :=") in [one.removesuffix(" :=").removesuffix(":=") for one in reasons(program)]
+    assert any(reason in one for one in reasons(program).values())
+
+
+def test_tool_and_work_object_are_those_of_the_module():
+    text = (
+        "PERS tooldata t1:=[TRUE,[[1,2,3],[0,1,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+        'PERS wobjdata w1:=[FALSE,TRUE,"",[[10,0,0],[0.707106781,0,0,0.707106781]],[[5,0,0],[1,0,0,0]]];\n'
+        f"CONST robtarget p1:={POSE};\nPROC main()\nMoveJ p1,v1,fine,t1\\WObj:=w1;\nENDPROC"
+    )
+    (target,) = read(module(text), "[base]\nxyz_mm = [0, 0, 100]\n").targets
+    np.testing.assert_allclose(target.T_flange_tool[:3, 3], [1, 2, 3])
+    np.testing.assert_allclose(target.T_flange_tool[:3, :3], np.diag([1, -1, -1]))
+    # The object frame is turned with the user frame: 5 mm along its x axis are along y of the world.
+    np.testing.assert_allclose(target.T_base_work[:3, 3], [10, 5, -100], atol=1e-6)
+
+
+def test_moves_name_their_targets_in_the_order_of_the_text():
+    body = f"CONST robtarget p1:={POSE};\nPROC main()\nMoveJ p1,v1,fine,tGrip\\WObj:=wTable;\n"
+    program = read(module(body + "MoveL P1,v1,fine,tGrip\\WObj:=wTable;\nMoveL Offs(p1,1,2,3),v1,fine,tGrip;\nENDPROC"))
+    assert [(move.kind, move.target) for move in program.moves] == [("joint", 0), ("linear", 0), ("linear", None)]
+
+
+def test_shifts_at_run_time_are_noted():
+    program = read(module("PROC main()\nPDispOn\\Rot,p1,tGrip;\nENDPROC"))
+    assert "PDispOn in line 3 shifts targets" in program.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (f"MODULE Made\nCONST jointtarget j1:={JOINTS};\n", "no ENDMODULE"),
+        (f"MODULE Made\nCONST jointtarget j1:={JOINTS[:20]}\nENDMODULE\n", "not closed|no end"),
+        (f"MODULE Made\nCONST jointtarget j1:={JOINTS}\nENDMODULE\n", "has no end"),
+        ("MODULE Made\nPROC main()\nMoveL p1,v1\nENDPROC\nENDMODULE\n", "a move has no end"),
+        ('MODULE Made\nTPWrite "open;\nENDMODULE\n', "in quotes is not closed"),
+        (b"\xfc\x01\x00\x00MODULE\x00", "encoded"),
+    ],
+)
+def test_a_damaged_module_is_refused(text, problem):
+    with pytest.raises(InputError, match=problem):
+        read(text)
+
+
+def test_truncated_anywhere_it_is_refused_or_read_in_part():
+    text = module(f"CONST robtarget p1:={POSE};\n" + USE.format(name="p1")).encode()
+    for end in range(len(b"MODULE Made"), len(text) - len(b"\nENDMODULE\n")):
+        with pytest.raises(InputError, match=r"cut off|not closed|no end"):
+            Rapid().read(text[:end], Surroundings())
