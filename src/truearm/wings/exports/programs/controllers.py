@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import Chain, chain_from_dh, read_ur_kinematics
-from truearm.arm.rigid_motions import screw_z
+from truearm.arm import Chain, read_ur_kinematics
+from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
@@ -121,9 +121,10 @@ def _rows_of(texts: tuple[str, ...]) -> Rows | None:
 
 def controller_chain(rows: Rows) -> Chain:
     """The kinematics of a robot from its rows of a table in m and rad."""
-    theta, a, d, alpha = (np.array(row) for row in rows)
-    chain = chain_from_dh(a=MM_PER_M * a, d=MM_PER_M * d, alpha=alpha, theta=theta)
-    return Chain(_near_origins(chain.fixed), np.zeros(3))
+    links = [
+        screw_z(theta, MM_PER_M * d) @ screw_x(alpha, MM_PER_M * a) for theta, a, d, alpha in zip(*rows, strict=True)
+    ]
+    return Chain(_near_origins(np.array([np.eye(4), *links])), np.zeros(3))
 
 
 def _near_origins(fixed: FloatArray) -> FloatArray:
