@@ -2,6 +2,7 @@
 
 import gzip
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.arm import Chain
+from truearm.arm.couplings import parse_coupling
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.wings.exports.programs.controllers import with_controller
@@ -126,6 +128,17 @@ class TestFanuc:
         mm, deg = tip_errors(model, planned, sent)
         assert mm.max() < 0.03
         assert deg.max() < 0.005
+
+    def test_a_model_of_the_pendants_j3_writes_the_same_program(self, tmp_path):
+        arm, session = ta.load_arm("lrmate200id"), ta.simulate("lrmate200id", poses=60, seed=1).session
+        coupled = replace(arm, chain=replace(arm.chain, coupling=parse_coupling("J3+=J2", 6)))
+        pendant = session.angles.copy()
+        pendant[:, 2] -= session.angles[:, 1]
+        of_pendant = ta.fit(coupled, replace(session, angles=pendant), model="kinematic").model
+        text = fanuc_text("lrmate200id", joints_of("lrmate200id", N)).encode()
+        programs = [corrected(tmp_path, one, text, "a.ls")[0] for one in (fitted("lrmate200id"), of_pendant)]
+        old, new = (re.sub(rb"truearm command \w+", b"", program) for program in programs)
+        assert old == new
 
     def test_a_joint_that_crosses_half_a_turn_has_its_new_turn_in_the_configuration(self, tmp_path):
         model, planned = fitted("lrmate200id"), joints_of("lrmate200id", 12)
@@ -237,6 +250,14 @@ class TestUniversalRobots:
         assert mm.max() < 1e-5
         assert deg.max() < 1e-6
         assert re.sub(rb'angles=".*?"', b"", text) == re.sub(rb'angles=".*?"|<!-- truearm .* -->', b"", new)
+
+    def test_the_reverse_gives_the_waypoints_back(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", 8)
+        text = polyscope_program([waypoint(f"W_{i}", q) for i, q in enumerate(planned)]).encode()
+        new, _ = corrected(tmp_path, model, text, "a.urp", "")
+        back, _ = corrected(tmp_path, model, new, "b.urp", "", direction="feedback")
+        np.testing.assert_allclose(numbers(r'angles="(.*?)"', back.decode()), planned, rtol=0, atol=1e-9)
+        assert b"truearm" not in back
 
     def test_the_poses_of_polyscope_3_follow_their_joints(self, tmp_path):
         model, planned = fitted("ur10"), joints_of("ur10", 10)

@@ -27,7 +27,7 @@ def quantities_of(screws: Screws, joints: FloatArray, counted: FloatArray) -> Fl
     screws : Screws
         Of the controller's arm.
     joints, counted : (.., 6) array
-        Of the chain, and as the controller counts them [rad].
+        Of the chain's joints, and as the controller counts them [rad].
 
     Returns
     -------
@@ -144,7 +144,7 @@ def _with_turns(
             better = cost < least
             found, least = np.where(better, joints, found), np.where(better, cost, least)
         counted = language.controller_joints(arm.chain, found.reshape(-1, N_JOINTS)).reshape(shape)
-        quantities = quantities_of(screws, found, counted)
+        quantities = quantities_of(screws, arm.chain.joint_angles(found), counted)
         off = np.maximum(np.maximum(low - quantities, quantities - high), 0.0).max(axis=2)
     return found, off, np.abs(counted - near[:, None]).max(axis=2)
 

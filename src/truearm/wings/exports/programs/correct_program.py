@@ -244,10 +244,12 @@ class _Correction:
 
     def _quantities(self, joints: FloatArray, counted: FloatArray) -> list[dict[str, float]]:
         """What configurations are stated by, of every target."""
-        screws = Screws.of(self.solver.model.arm_.chain)
+        chain = self.solver.model.arm_.chain
+        screws = Screws.of(chain)
         if screws is None:
             return [{}] * len(joints)
-        return [dict(zip(QUANTITIES, row, strict=True)) for row in quantities_of(screws, joints, counted).tolist()]
+        rows = quantities_of(screws, chain.joint_angles(joints), counted).tolist()
+        return [dict(zip(QUANTITIES, row, strict=True)) for row in rows]
 
     def _configuration(self, target: Target, old: Mapping[str, float], new: Mapping[str, float]) -> tuple[Edit, ...]:
         """Edits of the configuration, if a joint has crossed a border of it."""
