@@ -146,7 +146,13 @@ TASKS: dict[str, tuple[str, str]] = {
         "plan PlanResult plan_check CheckPlan simulate SimulationResult rehearse VirtualArm",
         "planning virtual-arm",
     ),
-    "Measure with a camera": ("draw_board BoardSheet", "camera"),
+    "Measure with a camera": (
+        (
+            "draw_board BoardSheet simulate_images ImageSimulation find_corners CornersResult fit_images ImageFit "
+            "hand_eye HandEyeResult"
+        ),
+        "camera",
+    ),
     "Identify": (
         (
             "fit FitResult refit RefitResult KinematicModel PhysicalModel HybridModel NetworkModel NominalModel Term "

@@ -38,12 +38,16 @@ from truearm.wings.bench.sources import Sample as Sample
 from truearm.wings.bench.sources import Source as Source
 from truearm.wings.bench.sources import StandstillRule as StandstillRule
 from truearm.wings.bench.sources import open_source as open_source
+from truearm.wings.camera.corners import CornersResult as CornersResult
+from truearm.wings.camera.corners import find_corners as find_corners
 from truearm.wings.camera.fit_images import ImageFit as ImageFit
 from truearm.wings.camera.fit_images import fit_images as fit_images
 from truearm.wings.camera.hand_eye import HandEyeResult as HandEyeResult
 from truearm.wings.camera.hand_eye import hand_eye as hand_eye
 from truearm.wings.camera.sheets import BoardSheet as BoardSheet
 from truearm.wings.camera.sheets import draw_board as draw_board
+from truearm.wings.camera.simulate_images import ImageSimulation as ImageSimulation
+from truearm.wings.camera.simulate_images import simulate_images as simulate_images
 from truearm.wings.exports.correct import CorrectedTargets as CorrectedTargets
 from truearm.wings.exports.correct import correct as correct
 from truearm.wings.exports.export import ExportCheck as ExportCheck

@@ -24,6 +24,12 @@ def public_modules() -> dict[str, str]:
     return {name: f"{wing.__name__}.{name}" for wing in WINGS for name in getattr(wing, "MODULES", ())}
 
 
+def instruments() -> dict[str, str]:
+    """Instruments by which wings measure a virtual arm: the word, and the module and function that has it."""
+    found = ((wing, getattr(wing, "INSTRUMENTS", {})) for wing in WINGS)
+    return {word: f"{wing.__name__}.{place}" for wing, brought in found for word, place in brought.items()}
+
+
 def commands() -> dict[str, str]:
     """The commands that wings bring: the word, and the module and function that has it."""
     return {word: f"{wing.__name__}.{place}" for wing in WINGS for word, place in wing.COMMANDS.items()}

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.command_line import make_app
 from truearm.errors import InputError
 from truearm.wings.camera.boards import parse_board
 from truearm.wings.camera.detection import Detector
@@ -51,13 +50,10 @@ def test_the_same_board_gives_the_same_bytes(tmp_path):
         ta.draw_board("chessboard:5x4,20mm").save(tmp_path / "a.png")
 
 
-def test_the_command_writes_the_sheet_and_says_how_to_check_it(tmp_path, capsys):
-    from typer.testing import CliRunner
-
+def test_the_command_writes_the_sheet_and_says_how_to_check_it(truearm, tmp_path):
     out = tmp_path / "board.pdf"
-    ran = CliRunner().invoke(make_app(), ["board", "chessboard:9x6,25mm", "--out", str(out)])
-    assert ran.exit_code == 0, ran.output
-    assert "Print it at 100 %" in ran.output
+    ran = truearm("board", "chessboard:9x6,25mm", "--out", out).done()
+    assert "Print it at 100 %" in ran.out
     assert out.read_bytes().startswith(b"%PDF")
-    ran = CliRunner().invoke(make_app(), ["board", "chessboard:9x6,25mm", "--out", str(out), "--json"])
-    assert json.loads(ran.output)["rulers_mm"] == [250, 170]
+    ran = truearm("board", "chessboard:9x6,25mm", "--out", out, "--json").done()
+    assert json.loads(ran.out)["rulers_mm"] == [250, 170]

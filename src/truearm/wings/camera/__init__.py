@@ -6,12 +6,20 @@ from typing import Literal
 NAMES: dict[str, tuple[str, ...]] = {
     "fit_images": ("ImageFit", "fit_images"),
     "hand_eye": ("HandEyeResult", "hand_eye"),
+    "corners": ("CornersResult", "find_corners"),
     "sheets": ("BoardSheet", "draw_board"),
+    "simulate_images": ("ImageSimulation", "simulate_images"),
 }
 COMMANDS: dict[str, str] = {
     "board": "board_command:board",
     "fit-images": "fit_images_command:fit_images",
     "hand-eye": "hand_eye_command:hand_eye",
+    "corners": "corners_command:corners",
+}
+# What truearm simulate --instrument measures a virtual arm with.
+INSTRUMENTS = {
+    "camera": "simulate_images:write_simulation",
+    "camera-in-hand": "simulate_images:write_simulation",
 }
 # Formats of transforms.
 TransformFormat = Literal["ros-transform", "easy-handeye", "yaml"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Option
 
+from truearm import wings
 from truearm.errors import InputError
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
@@ -37,6 +39,10 @@ def simulate(
     no_reference: Annotated[
         bool, Option("--no-reference", help="Without an instrument that measures the tip (x, y, z).")
     ] = False,
+    instrument: Annotated[
+        str | None, Option(help="In place of a tracker: camera (the board is on the flange), camera-in-hand.")
+    ] = None,
+    board: Annotated[str | None, Option(help="With --instrument: the board, see truearm board.")] = None,
     force: options.Force = False,
     as_json: options.Json = False,
     **given: Any,
@@ -53,9 +59,23 @@ def simulate(
     poses in each. --bars 2 adds a bar with two seats at two places; the length that its certificate states, with a
     standard uncertainty of 0.005 mm, is written to the file of --out-lengths. --anchors 3 --no-reference simulates
     three draw-wire encoders.
+
+    --instrument camera writes images of a board into a folder beside the joint angles: out.csv, out-images.
     """
     from truearm.arm.catalogue import arm_path
 
+    if instrument is not None:
+        does_not_apply = ({*STATED_BY_A_PLAN} - {"poses"}) | {"plan", "out_lengths", "artefacts", "moved"}
+        options.refuse_typed(context, does_not_apply, "does not apply to --instrument")
+        shown = {"poses": given["poses"]} if "poses" in options.typed_options(context) else {}
+        shown |= {name: given[name] for name in ("preset", "seed", "arm_seed")} | ({"board": board} if board else {})
+        with progress(f"taking images with a {instrument}") as step:
+            record, files = _instrument(instrument)(
+                arm, out, instrument=instrument, force=force, progress=step, **shown
+            )
+        print_record(record, as_json=as_json, files=files)
+        return
+    options.refuse_typed(context, ("board",), "applies to --instrument only")
     if plan is not None:
         options.refuse_typed(context, STATED_BY_A_PLAN, "does not apply to --plan: the plan states it")
         if artefacts is not None:
@@ -70,6 +90,15 @@ def simulate(
         result = verb(arm, reference=not no_reference, **given)
         result.save(out, lengths=out_lengths)
     print_record(result, as_json=as_json, files={"session": out, "lengths": out_lengths})
+
+
+def _instrument(name: str) -> Any:
+    """What measures with an instrument that a wing brings."""
+    brought = wings.instruments()
+    if name not in brought:
+        raise InputError(f"expected an instrument out of {', '.join(brought) or 'none'}, got {name!r}")
+    module, _, function = brought[name].partition(":")
+    return getattr(import_module(module), function)
 
 
 def _check_outputs(out: Path, lengths: Path | None, bars: int, arm_file: Path, *, force: bool) -> None:
