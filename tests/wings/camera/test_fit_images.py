@@ -99,6 +99,20 @@ def test_arm_camera_and_board_are_found_within_their_uncertainty(in_hand):
     assert rest(tips, true, T) < 0.4 * rest(nominal, true, T)
 
 
+@pytest.mark.parametrize("in_hand", [False, True])
+def test_transforms_are_of_the_camera_and_the_boards_own_frame(in_hand):
+    """As OpenCV has it, from the corner of the board; true up to the zeros of joints, 0.03 deg, and lengths."""
+    cell, found = measured(in_hand)[0], fitted(in_hand)
+    to_corner = np.eye(4)
+    to_corner[:3, 3] = -cell.middle
+    standing, mounted = cell.T_world_fixed, cell.T_flange_mounted
+    camera, board = (mounted, standing @ to_corner) if in_hand else (standing, mounted @ to_corner)
+    for one, true, frame in ((found.camera, camera, "camera"), (found.board, board, "board")):
+        assert one.child == frame
+        off = np.linalg.norm(one.T_parent_child[:3, 3] - true[:3, 3])
+        assert off < 2.0 * one.U_mm + 0.5, (frame, off)
+
+
 def rest(tips: np.ndarray, true: np.ndarray, T: np.ndarray) -> float:
     """Mean distance of tips from the true ones, after the best base and tip."""
     R = T[:, :3, :3]

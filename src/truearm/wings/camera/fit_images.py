@@ -11,6 +11,7 @@ import numpy as np
 
 from truearm.acceptance import accepts, contradict
 from truearm.arm import Arm
+from truearm.arm.rigid_motions import cross_matrix
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -41,7 +42,7 @@ from truearm.wings.camera.images import (
 )
 from truearm.wings.camera.interpretation import Interpretation, interpret
 from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera
-from truearm.wings.camera.mounts import of_model
+from truearm.wings.camera.mounts import Transform, of_model
 from truearm.wings.camera.observations import PixelObservations, read_pixels
 from truearm.wings.camera.pose_files import Poses
 
@@ -156,7 +157,11 @@ def fit_images(
     identified = require_identified(result.model, "images need an identified arm", hint="--model kinematic")
     common = _with_size(identified, settled, result.session, known_lengths)
     values, covariance = settled.adjusted.unknowns + common.values, common.covariance
-    of_camera, of_the_board = of_model(identified, eye_in_hand=eye_in_hand, centre=settled.centre)
+    of_camera, of_middle = (
+        replace(one, covariance=identified.birge_ratio_**2 * one.covariance)
+        for one in of_model(identified, eye_in_hand=eye_in_hand, centre=settled.centre)
+    )
+    of_the_board = _moved(of_middle, -settled.images.values(values)[1] * of_board.points.mean(axis=0))
     names = [Finding("hand-eye", one) for one in placed.sentences]
     if settled.images.free[-1]:
         scale, u = settled.images.values(values)[1], float(np.sqrt(covariance[-1, -1]) * settled.images.units[-1])
@@ -175,6 +180,15 @@ def fit_images(
         unknowns=values,
         unknowns_covariance=covariance,
     )
+
+
+def _moved(one: Transform, origin: FloatArray) -> Transform:
+    """The frame with its origin elsewhere, given along its own axes (3,) [mm]."""
+    apart = one.T_parent_child[:3, :3] @ origin
+    by = np.eye(6)
+    by[:3, 3:] = -cross_matrix(apart)
+    T = one.T_parent_child @ motion(np.eye(3), origin)
+    return replace(one, T_parent_child=T, covariance=by @ one.covariance @ by.T)
 
 
 def images_of(
