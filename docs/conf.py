@@ -148,8 +148,8 @@ TASKS: dict[str, tuple[str, str]] = {
     ),
     "Measure with a camera": (
         (
-            "draw_board BoardSheet simulate_images ImageSimulation find_corners CornersResult fit_images ImageFit "
-            "hand_eye HandEyeResult"
+            "draw_board BoardSheet plan_images ImagePlan simulate_images ImageSimulation find_corners CornersResult "
+            "fit_images ImageFit hand_eye HandEyeResult"
         ),
         "camera",
     ),

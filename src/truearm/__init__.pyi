@@ -44,6 +44,8 @@ from truearm.wings.camera.fit_images import ImageFit as ImageFit
 from truearm.wings.camera.fit_images import fit_images as fit_images
 from truearm.wings.camera.hand_eye import HandEyeResult as HandEyeResult
 from truearm.wings.camera.hand_eye import hand_eye as hand_eye
+from truearm.wings.camera.plan_images import ImagePlan as ImagePlan
+from truearm.wings.camera.plan_images import plan_images as plan_images
 from truearm.wings.camera.sheets import BoardSheet as BoardSheet
 from truearm.wings.camera.sheets import draw_board as draw_board
 from truearm.wings.camera.simulate_images import ImageSimulation as ImageSimulation

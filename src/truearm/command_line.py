@@ -27,7 +27,7 @@ from truearm.verbs.signature import Group
 # The first screen of the help: what a person has in hand, and in it the order in which a newcomer needs the commands.
 GROUPS = {
     "Start": ("demo", "arms", "docs", "fetch"),
-    "Measure": ("plan", "simulate", "board", "corners", "sources", "record", "live", "import", "split"),
+    "Measure": ("plan", "plan-images", "simulate", "board", "corners", "sources", "record", "live", "import", "split"),
     "Identify and correct": ("fit", "fit-images", "refit", "predict", "correct", "export"),
     "Judge": ("evaluate", "compare", "report"),
     "Verify in a laboratory": ("verify", "task", "measure", "check", "certificate"),

@@ -7,11 +7,13 @@ NAMES: dict[str, tuple[str, ...]] = {
     "fit_images": ("ImageFit", "fit_images"),
     "hand_eye": ("HandEyeResult", "hand_eye"),
     "corners": ("CornersResult", "find_corners"),
+    "plan_images": ("ImagePlan", "plan_images"),
     "sheets": ("BoardSheet", "draw_board"),
     "simulate_images": ("ImageSimulation", "simulate_images"),
 }
 COMMANDS: dict[str, str] = {
     "board": "board_command:board",
+    "plan-images": "plan_images_command:plan_images",
     "fit-images": "fit_images_command:fit_images",
     "hand-eye": "hand_eye_command:hand_eye",
     "corners": "corners_command:corners",

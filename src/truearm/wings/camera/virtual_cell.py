@@ -26,8 +26,8 @@ DISTANCE_WIDTHS = 3.0
 HALF_WIDTH_RAD, LAST_RAD = np.radians([55.0, 120.0]).tolist()
 # The board is seen within this angle of its normal, and in the image by this share of its corners.
 MAX_TILT_DEG, LEAST_SHARE = 60.0, 0.7
-# Of nearer boards corners are not sharp, of farther ones they are few pixels apart [widths of the board].
-NEAREST_WIDTHS, FARTHEST_WIDTHS = 1.5, 5.0
+# Of nearer boards corners are not sharp, of farther ones they are few pixels apart [of the distance at work].
+NEAREST, FARTHEST = 1 / 2, 5 / 3
 BATCH, BATCHES = 4000, 100
 
 
@@ -64,17 +64,41 @@ class VirtualCell:
         cls, virtual: VirtualArm, lens: Lens, board: Board, *, in_hand: bool, seed: int, scale: float = 1.0
     ) -> VirtualCell:
         """A camera that looks at a board from `DISTANCE_WIDTHS` of it when the arm is in its working pose."""
-        rng = np.random.default_rng([seed, 71])
-        arm, width = virtual.nominal, max(board.size_mm)
-        mounted = np.eye(4)
+        rng, width = np.random.default_rng([seed, 71]), max(board.size_mm)
+        turn, shift, view = rng.normal(0, 0.2, 3), rng.normal(0, 0.2 * width, 3), rng.normal(0, 0.2, 3)
+        shift = shift + [0.3 * width, 0, 0.3 * width]
+        return cls._standing(
+            virtual, lens, board, in_hand, scale, DISTANCE_WIDTHS * width, mount=(turn, shift), view=view
+        )
+
+    @classmethod
+    def upright(
+        cls, virtual: VirtualArm, lens: Lens, board: Board, *, in_hand: bool, distance_mm: float
+    ) -> VirtualCell:
+        """A camera that looks straight at a board, which is in the middle of the image in the working pose."""
+        no_turn, shift = np.zeros(3), np.array([0.0, 0.0, 0.3 * max(board.size_mm)])
+        return cls._standing(virtual, lens, board, in_hand, 1.0, distance_mm, mount=(no_turn, shift), view=no_turn)
+
+    @classmethod
+    def _standing(
+        cls,
+        virtual: VirtualArm,
+        lens: Lens,
+        board: Board,
+        in_hand: bool,
+        scale: float,
+        distance_mm: float,
+        *,
+        mount: tuple[FloatArray, FloatArray],
+        view: FloatArray,
+    ) -> VirtualCell:
+        mounted, camera_board = np.eye(4), np.eye(4)
         front = Rotation.from_rotvec([0.0 if in_hand else np.pi, 0.0, 0.0])  # the board's z axis points into the board
-        mounted[:3, :3] = (front * Rotation.from_rotvec(rng.normal(0, 0.2, 3))).as_matrix()
-        mounted[:3, 3] = rng.normal(0, 0.2 * width, 3) + [0.3 * width, 0, 0.3 * width]
+        mounted[:3, :3], mounted[:3, 3] = (front * Rotation.from_rotvec(mount[0])).as_matrix(), mount[1]
+        arm = virtual.nominal
         pose = arm.chain.with_tip(np.zeros(3)).pose(arm.working[None])
         at_work = _frames(pose.R_base_tip, pose.tip_in_base)[0] @ mounted
-        camera_board = np.eye(4)
-        camera_board[:3, :3] = Rotation.from_rotvec(rng.normal(0, 0.2, 3)).as_matrix()
-        camera_board[:3, 3] = [0, 0, DISTANCE_WIDTHS * width]
+        camera_board[:3, :3], camera_board[2, 3] = Rotation.from_rotvec(view).as_matrix(), distance_mm
         between = camera_board if in_hand else np.linalg.inv(camera_board)
         return cls(virtual, lens, board, scale, at_work @ between, mounted, in_hand)
 
@@ -123,8 +147,8 @@ class VirtualCell:
 
     def _in_view(self, T_camera_board: FloatArray) -> BoolArray:
         sight = T_camera_board[:, :3, 3] / np.linalg.norm(T_camera_board[:, :3, 3], axis=1, keepdims=True)
-        width = max(self.board.size_mm)
-        near = (T_camera_board[:, 2, 3] > NEAREST_WIDTHS * width) & (T_camera_board[:, 2, 3] < FARTHEST_WIDTHS * width)
+        usual = float(np.linalg.norm(self.T_camera_board(self.virtual.nominal.working[None])[0, :3, 3]))
+        near = (T_camera_board[:, 2, 3] > NEAREST * usual) & (T_camera_board[:, 2, 3] < FARTHEST * usual)
         faces = (sight * T_camera_board[:, :3, 2]).sum(axis=1)
         found: BoolArray = near & (faces > np.cos(np.radians(MAX_TILT_DEG)))
         share = (~np.isnan(self.project(T_camera_board[found])[:, 0])).mean(axis=1)
