@@ -21,8 +21,9 @@ from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.models import Compensator
 from truearm.typing import FloatArray
+from truearm.wings.exports.programs.number_texts import six_numbers
 from truearm.wings.exports.programs.program import Surroundings, inverse
-from truearm.wings.exports.programs.xml_places import Node, parse_nodes, six_numbers
+from truearm.wings.exports.programs.xml_places import Node, parse_nodes
 from truearm.wings.exports.targets.pose_models import reference_from_base
 
 # Joints and pose of a point have twelve decimals; another tool or other kinematics are some tenths of a millimetre off.

@@ -41,7 +41,7 @@ _PART = re.compile(r"^/([A-Z]+)", re.MULTILINE)
 _POINT = re.compile(r"^[ \t]*P\[\s*(\d+)\s*(?::\s*\"([^\"\r\n]*)\"\s*)?\]\s*\{", re.MULTILINE)
 _GROUP = re.compile(r"\bGP(\d+)\s*:")
 _HEAD = re.compile(r"\s*\S+\s*:\s*(\w+|\*+)\s*,\s*\S+\s*:\s*(\w+|\*+)\s*,?(?:\s*\S+\s*:\s*'([^'\r\n]*)'\s*,?)?")
-_VALUE = re.compile(r"\b([A-Z]+\d*)[ \t]*=([ \t]*(?:[+-]?(?:\d+\.?\d*|\.\d+)|\*+))[ \t]*(mm|deg)?")
+_VALUE = re.compile(r"\b([A-Z]+\d*)[ \t]*=([ \t]*(?:[+-]?(?:\d{1,9}\.?\d*|\.\d+)|\*+))[ \t]*(mm|deg)?")
 _CONFIG = re.compile(r"\s*([NF])\s+([UD])\s+([TB])\s*,\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*")
 _STATEMENT = re.compile(r"^[ \t]*(\d+):(?:.*\n?(?![ \t]*\d+:))*", re.MULTILINE)
 _MOTION = re.compile(r"[ \t]*\d+:[ \t]*([JLCAS])[ \t]+(?:P|PR)\[")
@@ -235,7 +235,7 @@ def _points(data: bytes, text: str, first: int, last: int) -> dict[int, _Block]:
     """The points of /POS by their numbers."""
     found = list(_POINT.finditer(text, first, last))
     blocks: dict[int, _Block] = {}
-    for one, following in zip(found, [*(each.start() for each in found[1:]), last], strict=True):
+    for one, following in zip(found, [*(each.start() for each in found), last][1:], strict=True):
         end, number = text.find("}", one.end(), following), int(one[1])
         line = line_of(data, one.start())
         if end < 0:
@@ -243,7 +243,7 @@ def _points(data: bytes, text: str, first: int, last: int) -> dict[int, _Block]:
         if number in blocks:
             raise InputError(f"P[{number}] is stated twice", line=line)
         groups = [*_GROUP.finditer(text, one.end(), end)]
-        ends = [*(each.start() for each in groups[1:]), end]
+        ends = [*(each.start() for each in groups), end][1:]
         spans = {int(each[1]): (each.end(), stop) for each, stop in zip(groups, ends, strict=True)}
         blocks[number] = _Block(f"P[{number}:{one[2]}]" if one[2] else f"P[{number}]", one.start(), spans.get(1))
     return blocks
@@ -258,7 +258,7 @@ def _target(text: str, line: int, block: _Block, beside: Surroundings) -> Target
     names, units = [one[1].lower() for one in values], [one[3] for one in values]
     if any("*" in one[2] for one in values) or (head and "*" in head[1] + head[2]):
         return _UNTAUGHT
-    if head is None or len(set(names)) < len(names):
+    if head is None or not names or len(set(names)) < len(names):
         return "its position has a layout that is not known"
     if names[0][:1] == "r" and len(names[0]) == 2:
         return "a point of a tool that stands in the cell (RTCP)"

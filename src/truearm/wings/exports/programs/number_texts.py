@@ -1,4 +1,4 @@
-"""New numbers of a target, written as its neighbours are."""
+"""Numbers in the text of a program: six between commas, and new ones, written as their neighbours are."""
 
 from __future__ import annotations
 
@@ -12,7 +12,20 @@ from truearm.wings.exports.programs.program import Language, Number, Target
 
 # The unit of the last digit is at most this share of the largest change: rounding is half of that.
 _DIGIT = 0.05
+# Of metres and rad: lengths that cancel between parallel axes are some kilometres.
+_LARGEST = 1e6
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_SIX = re.compile(rf"\s*({NUMBER})\s*" + rf",\s*({NUMBER})\s*" * 5)
 _JOINT = re.compile(r"(?:.*\.)?[ja]\d")
+
+
+def six_numbers(text: str, start: int) -> list[Number] | None:
+    """Six numbers between commas, in a text that begins at a place; None of anything else, or of a number too large."""
+    parts = _SIX.fullmatch(text)
+    if parts is None:
+        return None
+    found = [Number(start + parts.start(i), start + parts.end(i), parts[i].encode("ascii")) for i in range(1, 7)]
+    return found if all(abs(one.value) < _LARGEST for one in found) else None
 
 
 def new_numbers(language: Language, target: Target, values: Mapping[str, float]) -> dict[str, bytes]:

@@ -20,6 +20,7 @@ from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreement
+from truearm.wings.exports.programs.number_texts import NUMBER, six_numbers
 from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
     Edit,
@@ -37,8 +38,7 @@ from truearm.wings.exports.programs.program import (
     transform,
 )
 
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_LIST = re.compile(rf"(p?)\[\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{5}})\s*\]")
+_LIST = re.compile(rf"(p?)\[\s*({NUMBER}(?:\s*,\s*{NUMBER}){{5}})\s*\]")
 _AFTER = re.compile(r"[ \t]*(?:[\r\n,)]|\Z)")
 _HIDDEN = re.compile(r"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'")
 _ASSIGNED = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*(\[[^\]\n]*\])?\s*=(?!=)\s*")
@@ -75,11 +75,8 @@ def _literal(text: str, start: int, end: int | None = None) -> _Literal | None:
     found = _LIST.match(text, start)
     if found is None or (end is not None and text[found.end() : end].strip()):
         return None
-    numbers = [
-        Number(one.start(), one.end(), one[0].encode("ascii"))
-        for one in re.compile(_NUMBER).finditer(text, found.start(2), found.end(2))
-    ]
-    return _Literal(found.start(), found.end(), bool(found[1]), tuple(numbers))
+    numbers = six_numbers(found[2], found.start(2))
+    return None if numbers is None else _Literal(found.start(), found.end(), bool(found[1]), tuple(numbers))
 
 
 def _arguments(text: str, start: int) -> list[tuple[int, int]] | None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from truearm.errors import InputError
+from truearm.wings.exports.programs.number_texts import six_numbers
 from truearm.wings.exports.programs.program import Number, line_of
 
 _TAG = re.compile(
@@ -15,8 +16,6 @@ _TAG = re.compile(
     re.DOTALL,
 )
 _ATTRIBUTE = re.compile(r"([\w.:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_SIX = re.compile(rf"\s*({_NUMBER})\s*" + rf",\s*({_NUMBER})\s*" * 5)
 _STEP = re.compile(r"([\w.:-]+)(?:\[(\d+)\])?")
 
 
@@ -72,14 +71,6 @@ class Node:
         """The six numbers of an attribute."""
         start, text = self.attributes.get(name, (0, ""))
         return six_numbers(text, start)
-
-
-def six_numbers(text: str, start: int) -> list[Number] | None:
-    """Six numbers between commas, in a text that begins at a place; None if there is anything else."""
-    parts = _SIX.fullmatch(text)
-    if parts is None:
-        return None
-    return [Number(start + parts.start(i), start + parts.end(i), parts[i].encode("ascii")) for i in range(1, 7)]
 
 
 def parse_nodes(data: bytes) -> Node:

@@ -36,7 +36,7 @@ from truearm.wings.exports.programs.program import (
 _LINE = re.compile(r"[^\r\n]+")
 _STATE = re.compile(r"///\s*([A-Z]+)\s*(.*)")
 _POINT = re.compile(r"\s*(BC|EC|BP|EX|LBP|LEX|LP|C|P)(\d+)\s*=\s*")
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))")
+_NUMBER = re.compile(r"([+-]?(?:\d{1,9}\.?\d*|\.\d+))")
 _MOVE = re.compile(r"\s*(IMOV|S?MOV[JLCS])\s+(.*)")
 _USED = re.compile(r"\b(LP|P|C)X?(\d+)\b|\bL?PX?\[")
 _JOINTS = tuple(f"j{i}" for i in range(1, 7))  # S, L, U, R, B, T
