@@ -1,38 +1,27 @@
-"""A real browser for tests, without a network: the PDF that it prints of a page, and its picture of a page."""
+"""A real browser for tests, without a network: what it shows and complains of, and the PDF that it prints of a page."""
 
+import io
 import shutil
 import subprocess
 from contextlib import contextmanager
 
-import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from truearm.pages.html import write_page
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-ALONE = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--hide-scrollbars",
-    "--no-first-run",
-)
-QUIET = (*ALONE, "--disable-background-networking", "--disable-quic", "--enable-logging=stderr")
 
 
-def printed(page, folder):
+def printed(chromium, page, folder):
     """The text of each sheet that a browser prints."""
-    if BROWSER is None or shutil.which("pdftotext") is None:
-        pytest.skip("no chromium or no pdftotext here (on Debian: apt-get install chromium poppler-utils)")
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext here (on Debian: apt-get install poppler-utils)")
     write_page(page, folder / "page.html")
-    out = folder / "page.pdf"
-    asked = [f"--user-data-dir={folder / 'profile'}", "--no-pdf-header-footer", f"--print-to-pdf={out}"]
-    subprocess.run(
-        [BROWSER, *ALONE, *asked, (folder / "page.html").as_uri()], capture_output=True, timeout=120, check=True
-    )
-    text = subprocess.run(["pdftotext", "-layout", out, "-"], capture_output=True, text=True, timeout=60, check=True)
+    with Tab(chromium, folder / "page.html") as tab:
+        tab.page.pdf(path=folder / "page.pdf", prefer_css_page_size=True)
+    asked = ["pdftotext", "-layout", folder / "page.pdf", "-"]
+    text = subprocess.run(asked, capture_output=True, text=True, timeout=60, check=True)
     return text.stdout.split("\f")[:-1]
 
 
@@ -89,6 +78,10 @@ class Tab:
         self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         return self.page.locator(selector).first.evaluate("(canvas) => canvas.toDataURL()")
 
+    def pixels(self, **options):
+        """What the browser shows: an array (height, width, 3) from 0 to 1."""
+        return imread(io.BytesIO(self.page.screenshot(**options)))[..., :3]
+
     def faults(self):
         """Serious and critical faults that axe-core finds for readers who use keyboard or screen reader."""
         axe = pytest.importorskip(
@@ -101,31 +94,6 @@ class Tab:
             if one["impact"] in ("serious", "critical")
             for node in one["nodes"]
         ]
-
-
-def picture_of(page, folder, *, width, dark=False, most=12_000):
-    """What a browser shows of a page, down to its last mark: an array (height, width, 3) from 0 to 1."""
-    if BROWSER is None:
-        pytest.skip("no chromium here (on Debian: apt-get install chromium)")
-    write_page(page, folder / "page.html")
-    shot = folder / "shot.png"
-    asked = [
-        f"--user-data-dir={folder / 'profile'}",
-        f"--blink-settings=preferredColorScheme={0 if dark else 1}",
-        f"--screenshot={shot}",
-        f"--window-size={width},{most}",
-    ]
-    subprocess.run(
-        [BROWSER, *ALONE, *asked, (folder / "page.html").as_uri()], capture_output=True, timeout=120, check=True
-    )
-    pixels = imread(shot)[..., :3]
-    marked = np.flatnonzero((np.abs(pixels - pixels[-1, 0]) > 0.02).any(axis=(1, 2)))
-    return pixels[: marked[-1] + 1]
-
-
-def shown_height(page, folder, *, width):
-    """Height of a page in a browser, to its last mark [pixels]."""
-    return len(picture_of(page, folder, width=width))
 
 
 # A mail with the page must pass, and a telephone must open it.

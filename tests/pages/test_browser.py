@@ -1,18 +1,13 @@
 """The page in a real browser, without a network: it shows its figures and complains of nothing."""
 
-import subprocess
-
 import numpy as np
 import pytest
-from matplotlib.image import imread
 from test_html import made_up_page
 
-from browser import BROWSER, QUIET, picture_of
+from browser import Tab
 from html_outline import Outline
 from truearm.pages.html import write_page
 from truearm.pages.page import LabelledValue, Page, PageVerdict
-
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium here (on Debian: apt-get install chromium)")
 
 
 @pytest.fixture(scope="module")
@@ -22,21 +17,14 @@ def path(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("width", [500, 1400])  # a window of Chromium has at least 500 pixels
-def test_a_browser_shows_the_page_without_a_complaint(path, tmp_path, width):
-    asked = ["--dump-dom", f"--screenshot={tmp_path / 'shot.png'}", f"--window-size={width},6000"]
-    done = subprocess.run(
-        [BROWSER, *QUIET, f"--user-data-dir={tmp_path / 'profile'}", *asked, path.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    # What a page may not load, cannot load or cannot parse is told on the console.
-    assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
-    outline = Outline(done.stdout.strip().removeprefix("<!DOCTYPE html>"))
+@pytest.mark.parametrize("width", [500, 1400])
+def test_a_browser_shows_the_page_without_a_complaint(chromium, path, width):
+    with Tab(chromium, path, width=width) as tab:
+        tab.page.set_viewport_size({"width": width, "height": 6000})
+        outline, shot = Outline(tab.page.content().removeprefix("<!DOCTYPE html>")), tab.pixels()
+        # What a page may not load, cannot load or cannot parse is told on the console.
+        assert tab.complaints == []
     assert outline.tags.count("figure") == len(outline.labels) == 8
-    shot = imread(tmp_path / "shot.png")[..., :3]
     assert shot.shape[1] == width
     drawn = shot.min(axis=-1) < 0.9
     # Something on every stretch of 500 pixels of the first 4000, and white prevails.
@@ -46,12 +34,14 @@ def test_a_browser_shows_the_page_without_a_complaint(path, tmp_path, width):
     assert coloured.mean() > 0.001
 
 
-def test_a_dark_screen_shows_the_page_dark_with_light_marks_and_a_light_one_light(tmp_path):
+def test_a_dark_screen_shows_the_page_dark_with_light_marks_and_a_light_one_light(chromium, tmp_path):
     page = Page(
         "A title", verdict=PageVerdict("Not conform.", "bad"), summary=(LabelledValue("mean error", 0.01234, "mm"),)
     )
+    write_page(page, tmp_path / "page.html")
     for dark in (False, True):
-        shown = picture_of(page, tmp_path, width=900, dark=dark, most=700)
+        with Tab(chromium, tmp_path / "page.html", width=900, scheme="dark" if dark else "light") as tab:
+            shown = tab.pixels()
         paper = float(shown[-1, 0].mean())
         assert (paper < 0.15) if dark else (paper > 0.95)
         ink = shown.max() if dark else shown.min()

@@ -61,8 +61,8 @@ def test_names_on_cards_are_text():
     assert HOSTILE not in html
 
 
-def test_no_card_is_broken_between_sheets(tmp_path):
-    sheets = printed(Page("cards", sections=(Section("One by one", cards=made_up_cards()),)), tmp_path)
+def test_no_card_is_broken_between_sheets(chromium, tmp_path):
+    sheets = printed(chromium, Page("cards", sections=(Section("One by one", cards=made_up_cards()),)), tmp_path)
     cards = [set(re.findall(r"Step (\d+)\b", sheet)) for sheet in sheets]
     assert [len(one) for one in cards] == [0, 8, 8, 4]
     assert cards == [set(re.findall(r"end of (\d+)\b", sheet)) for sheet in sheets]

@@ -29,10 +29,10 @@ def test_every_page_brings_its_rules_for_paper():
     assert "nav { display: none; }" in rules  # links into the page lead nowhere on paper
 
 
-def test_a_long_table_goes_over_pages_with_its_head_and_loses_no_row(tmp_path):
+def test_a_long_table_goes_over_pages_with_its_head_and_loses_no_row(chromium, tmp_path):
     rows = tuple((f"point number {i}", 1.5 * i) for i in range(1, 101))
     table = Table((Column("what was touched"), Column("height", "mm")), rows, "Every point.")
-    sheets = printed(Page("a long table", sections=(Section("Points", tables=(table,)),)), tmp_path)
+    sheets = printed(chromium, Page("a long table", sections=(Section("Points", tables=(table,)),)), tmp_path)
     assert len(sheets) == 3
     assert [sheet.count("what was touched") for sheet in sheets] == [1, 1, 1]
     assert [f"{i}/3" in sheet.replace(" ", "") for i, sheet in enumerate(sheets, start=1)] == [True] * 3
@@ -40,13 +40,13 @@ def test_a_long_table_goes_over_pages_with_its_head_and_loses_no_row(tmp_path):
     assert told == list(range(1, 101))
 
 
-def test_headings_and_captions_stay_with_what_they_belong_to(tmp_path):
+def test_headings_and_captions_stay_with_what_they_belong_to(chromium, tmp_path):
     tables = tuple(
         Table((Column("name"), Column("value")), tuple((f"value {k}.{i}", i) for i in range(9)), f"Caption {k}.")
         for k in range(12)
     )
     sections = tuple(Section(f"Chapter {k}", f"About chapter {k}.", tables=(table,)) for k, table in enumerate(tables))
-    sheets = printed(Page("chapters", sections=sections), tmp_path)
+    sheets = printed(chromium, Page("chapters", sections=sections), tmp_path)
     assert len(sheets) > 2
     for k in range(12):
         (sheet,) = [sheet for sheet in sheets if f"Chapter {k}\n" in sheet]
@@ -54,7 +54,7 @@ def test_headings_and_captions_stay_with_what_they_belong_to(tmp_path):
             assert part in sheet, (k, part)
 
 
-def test_a_report_with_figures_prints(tmp_path):
-    sheets = printed(made_up_page(60), tmp_path)
+def test_a_report_with_figures_prints(chromium, tmp_path):
+    sheets = printed(chromium, made_up_page(60), tmp_path)
     assert 3 <= len(sheets) <= 7
     assert all(sheet.strip() for sheet in sheets)

@@ -269,7 +269,7 @@ def test_on_paper_the_still_figure_stands(chromium, paths, tmp_path):
         tab.page.emulate_media(media="print")
         assert tab.page.locator(".still").is_visible()
         assert not tab.page.locator(".stage").is_visible()
-    sheets = printed(scene_page(cloud=made_up_cloud()), tmp_path)
+    sheets = printed(chromium, scene_page(cloud=made_up_cloud()), tmp_path)
     assert len(sheets) <= 2
     assert "Drag to turn" not in "".join(sheets)
     assert "x [mm]" in "".join(sheets)

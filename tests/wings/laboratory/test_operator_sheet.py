@@ -117,10 +117,10 @@ def test_directions_are_told_as_seen_from_the_arm():
         assert re.match("from beyond and the right", describe_direction(leaning(ball - 45, 30), at))
 
 
-def test_it_prints_completely(tmp_path):
+def test_it_prints_completely(chromium, tmp_path):
     """A4: heads of the step table on each of its sheets, no step lost, no caption parted from its picture."""
     sheet = sheet_of(load_verification_plan("iso10360-12"))
-    sheets = printed(operator_sheet_page(sheet), tmp_path)
+    sheets = printed(chromium, operator_sheet_page(sheet), tmp_path)
     assert 6 <= len(sheets) <= 9
     steps = [one for one in sheets if re.search(r"test (?:probing|articulation|uni)", one)]
     assert all("action" in one for one in steps)
