@@ -95,6 +95,13 @@ def test_remarks_of_later_files_are_counted(session, model, tmp_path):
     assert any("other remarks" in one for one in predicted)
 
 
+@pytest.fixture(scope="module")
+def physical(session):
+    """Trained on one named day."""
+    trained = replace(session.rows(np.arange(120)), session=np.full(120, "monday"))
+    return ta.fit("ur10", trained, model="physical").model
+
+
 NAMES = {
     "same day": (("monday", "monday"), "repeatability"),
     "another day": (("tuesday", "tuesday"), "reproducibility"),
@@ -105,14 +112,12 @@ NAMES = {
 
 
 @pytest.mark.parametrize(("names", "conditions"), NAMES.values(), ids=NAMES)
-def test_conditions_and_coverage_are_those_of_one_file(session, tmp_path, names, conditions):
-    trained = replace(session.rows(np.arange(120)), session=np.full(120, "monday"))
-    model = ta.fit("ur10", trained, model="physical").model
+def test_conditions_and_coverage_are_those_of_one_file(session, physical, tmp_path, names, conditions):
     files = [
         replace(session.rows(np.arange(a, a + 50)), session=np.full(50, name))
         for a, name in zip((120, 170), names, strict=True)
     ]
-    parts, one = ta.evaluate(model, saved(tmp_path / "set", *files)), ta.evaluate(model, joined_sessions(files))
+    parts, one = (ta.evaluate(physical, one) for one in (saved(tmp_path / "set", *files), joined_sessions(files)))
     assert parts.conditions == one.conditions == conditions
     same = ("coverage", "coverage_99", "repeatability_coverage", "conditions")
     assert {name: parts.to_dict()[name] for name in same} == {name: one.to_dict()[name] for name in same}
@@ -121,7 +126,7 @@ def test_conditions_and_coverage_are_those_of_one_file(session, tmp_path, names,
     assert [line for line in str(parts).splitlines() if said in line] == [
         line for line in str(one).splitlines() if said in line
     ]
-    assert ta.evaluate(model, tmp_path / "set", conditions="repeatability").conditions == "repeatability"
+    assert ta.evaluate(physical, tmp_path / "set", conditions="repeatability").conditions == "repeatability"
 
 
 @pytest.mark.parametrize("n", [2, 4, 100])
