@@ -78,6 +78,16 @@ def undrawn():
 
 
 @pytest.fixture
+def without_extras(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No package of an extra can be imported."""
+
+    def missing(name: str, *_: object) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr("truearm.files.extra_packages.import_module", missing)
+
+
+@pytest.fixture
 def rng() -> np.random.Generator:
     """A generator with a fixed seed."""
     return np.random.default_rng(20170101)

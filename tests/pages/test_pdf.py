@@ -12,7 +12,6 @@ from PIL import Image
 
 from refusals import refuses
 from truearm.errors import InputError, MissingTool
-from truearm.files import extra_packages
 from truearm.number_format import RoundedNumber
 from truearm.pages import paper as paper_module
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
@@ -211,11 +210,7 @@ def test_a_figure_without_room_waits_and_the_sheet_is_filled(tmp_path):
     assert two.index("A figure.") < two.index("Section")
 
 
-def test_without_the_package_the_message_says_how_to_get_it(tmp_path, monkeypatch):
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(extra_packages, "import_module", missing)
+def test_without_the_package_the_message_says_how_to_get_it(tmp_path, without_extras):
     with pytest.raises(MissingTool, match=r"pip install 'truearm\[pdf\]'"):
         write_pdf(made_up_page(), made_up_paper(), tmp_path / "page.pdf")
     assert list(tmp_path.iterdir()) == []

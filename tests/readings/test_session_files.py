@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from refusals import refuses
 from truearm.errors import InputError, TruearmError
-from truearm.files import delimited, extra_packages, table_writer
+from truearm.files import delimited, table_writer
 from truearm.readings import Session, files, read_session, write_session
 
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
@@ -481,11 +481,7 @@ def test_empty_damaged_foreign_and_swollen_parquet_files_are_refused(tmp_path, m
     refuses("expected at most 50 cells, got 100 rows", read_session, text_file(tmp_path, whole, "many.parquet"))
 
 
-def test_without_pyarrow_the_message_says_what_to_install(tmp_path, monkeypatch):
-    def missing(name: str, *rest: object) -> object:
-        raise ImportError(name)
-
-    monkeypatch.setattr(extra_packages, "import_module", missing)
+def test_without_pyarrow_the_message_says_what_to_install(tmp_path, without_extras):
     refuses(r"pip install 'truearm\[parquet\]'", write_session, Session([[1.0]]), tmp_path / "s.parquet")
     assert not list(tmp_path.iterdir())
 

@@ -52,9 +52,7 @@ def test_every_verb_says_what_it_does(truearm, overview, verb):
 
 
 def test_the_program_alone_and_its_version(truearm, overview):
-    alone = truearm()
-    assert alone.code == 0
-    assert alone.out == overview
+    assert truearm().done().out == overview
     assert truearm("--version").out == f"truearm {__version__}\n"
     module = subprocess.run([sys.executable, "-m", "truearm", "--version"], capture_output=True, text=True, check=True)
     assert module.stdout == f"truearm {__version__}\n"
@@ -305,13 +303,12 @@ def test_a_real_arm_goes_the_whole_path(truearm, tmp_path):
     assert said.startswith("11911 readings of 6 joints, nominal arm ur10.\n")
     assert said.endswith(f"session written to {session}\n")
     assert "Cite: Landgraf" in said
-    table = truearm(
+    truearm(
         *("import", datasets.find_local("ur10-a"), "--separator", ";", "--decimal", ",", "--angle-unit", "rad"),
         *("--angles", "8,9,10,11,12,13", "--point", "15,16,17"),
         *("--column", "temperature_degC=14", "--column", "position=2,3,4"),
         *("--session-name", "series A", "--out", tmp_path / "imported.csv"),
-    )
-    assert table.code == 0, table.err
+    ).done()
     assert (tmp_path / "imported.csv").read_bytes() == session.read_bytes()
     assert truearm("split", session, "--train", train, "--test", test).code == 0
     means = {}
@@ -363,8 +360,7 @@ def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
 
 def test_the_identified_arm_is_shown_and_its_constants_are_exported(truearm, refused, made, tmp_path):
     """Constants that were identified beside other terms mean little alone: arms writes none of a model."""
-    shown = truearm("arms", made / "kinematic.truearm")
-    assert shown.code == 0
+    shown = truearm("arms", made / "kinematic.truearm").done()
     assert shown.out.startswith("gao2017-identified: ")
     assert "before J1: " in shown.out
     refused(

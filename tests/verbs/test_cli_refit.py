@@ -124,9 +124,9 @@ def test_readings_that_scatter_more_are_said(refit, made, moved, tmp_path):
 
 def test_seats_without_points_tell_the_tip(truearm, refused, made, tmp_path):
     session = tmp_path / "held.csv"
-    made_seats = truearm("simulate", "gao2017", "--strategy", "seat", "--seats", 3, "--poses", 45, "--no-reference",
-                         "--out", session)  # fmt: skip
-    assert made_seats.code == 0
+    truearm(
+        "simulate", "gao2017", "--strategy", "seat", "--seats", 3, "--poses", 45, "--no-reference", "--out", session
+    ).done()
     out = tmp_path / "new.truearm"
     ran = truearm("refit", made / "kinematic.truearm", session, "--rows", 20, "--out", out).done()
     assert "; tip of gao2017 from 20 of 45 readings)." in ran.out
@@ -172,8 +172,7 @@ def test_lengths_are_of_the_whole_session_and_those_between_rows_taken_serve(tru
     lengths.write_text("\n".join(["seat_a,seat_b,length_mm,u_mm", *rows]) + "\n")
     arguments = ["refit", made / "kinematic.truearm", session, "--rows", 9, "--seed", 2,
                  "--lengths", lengths, "--out", out]  # fmt: skip
-    ran = truearm(*arguments)
-    assert ran.code == 0, ran.err
+    ran = truearm(*arguments).done()
     assert set(points.seat[load_model(out).trained_on(points)].tolist()) == {"S3", "S4", "S6"}
     assert "2 of 3 lengths refer to a seat without a reading that is used; ignored.\n" in ran.out
     ran = truearm("evaluate", out, session, "--lengths", lengths, "--json")

@@ -23,8 +23,7 @@ def test_a_file_of_two_sessions_is_learned_from_and_found_again(truearm, made, t
     errors = json.loads(truearm("evaluate", tmp_path / "m", tmp_path / "s.csv", "--json").out)
     assert errors["max_mm"] < 0.5
     assert errors["removed_percent"] > 80
-    ran = truearm("predict", tmp_path / "m", tmp_path / "s.csv", "--out", tmp_path / "p.csv")
-    assert ran.code == 0
+    ran = truearm("predict", tmp_path / "m", tmp_path / "s.csv", "--out", tmp_path / "p.csv").done()
     assert "no session that the model knows" not in ran.out
     ran = truearm("predict", tmp_path / "m", made / "angles.csv", "--out", tmp_path / "q.csv")
     assert "40 readings are in no session that the model knows: their points are in the frame of May" in ran.out

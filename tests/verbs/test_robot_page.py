@@ -33,8 +33,7 @@ def folder(tmp_path_factory, truearm):
                 Path(name).write_text(text, encoding="utf-8")
             elif kind == "console":
                 for (_, *arguments), shown in commands(text):
-                    ran = truearm(*arguments)
-                    assert ran.code == 0, ran.err
+                    ran = truearm(*arguments).done()
                     check_printed(shown, ran.out.splitlines())
     return folder
 

@@ -12,7 +12,6 @@ import pytest
 import truearm as ta
 from frame_laws import check_frame
 from refusals import refuses
-from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.solve.executors import Processes, WorkerLost
 from truearm.wings.fleet import fit_task
@@ -102,14 +101,15 @@ def test_one_arm_stops_no_other(fleet, sessions, tmp_path):
     assert [one.what for one in fleet.status().arms] == ["failed", "failed", "in force"]
 
 
-def test_an_arm_that_is_removed_leaves_its_results_and_comes_back(fleet, sessions, capsys):
+def test_an_arm_that_is_removed_leaves_its_results_and_comes_back(truearm, fleet, sessions):
     fleet.add_all(arms_of(sessions, 0, 1))
     (row, _) = fleet.run().rows
-    with pytest.raises(SystemExit, match="0"):
-        run(["fleet", "remove", str(fleet.folder), row.serial_number])
-    said = capsys.readouterr().out
-    assert said.startswith(
-        "virtual-research-0 is no longer in the registry, nor are its 1 session, 1 fit, 0 checks, 0 certificates."
+    assert (
+        truearm("fleet", "remove", fleet.folder, row.serial_number)
+        .done()
+        .out.startswith(
+            "virtual-research-0 is no longer in the registry, nor are its 1 session, 1 fit, 0 checks, 0 certificates."
+        )
     )
     refuses("no arm 'virtual-research-0' is in the registry", fleet.remove, row.serial_number)
     fleet.registry.record(row, in_force=True)  # of a run that was under way
@@ -123,12 +123,11 @@ def test_an_arm_that_is_removed_leaves_its_results_and_comes_back(fleet, session
     refuses("the data set of results is damaged", fleet.run)
 
 
-def test_new_readings_of_a_known_arm_need_no_type(fleet, sessions):
+def test_new_readings_of_a_known_arm_need_no_type(truearm, fleet, sessions):
     with pytest.raises(InputError, match="no arm 'virtual-research-0' is in the registry"):
         fleet.add("virtual-research-0", session=sessions / "0.csv")
     fleet.add("virtual-research-0", "ur10")
-    with pytest.raises(SystemExit, match="0"):
-        run(["fleet", "add", str(fleet.folder), "virtual-research-0", "--session", str(sessions / "0.csv")])
+    truearm("fleet", "add", fleet.folder, "virtual-research-0", "--session", sessions / "0.csv").done()
     (arm,) = fleet.registry.arms()
     assert (arm.arm, arm.session) == ("ur10", str(sessions / "0.csv"))
 

@@ -9,7 +9,6 @@ import pytest
 import truearm as ta
 from made_up_dcc import RECALIBRATION, dcc, quantity, real, result, text
 from refusals import refuses
-from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.wings.fleet.certificates import RegisteredCertificate
 from truearm.wings.fleet.fleet import Fleet
@@ -133,16 +132,15 @@ def test_what_is_no_certificate_of_the_fleet_is_refused_and_nothing_kept(fleet, 
         assert fleet.registry.certificates() == {}
 
 
-def test_the_command_and_the_pages_show_them(fleet, file, tmp_path, capsys):
+def test_the_command_and_the_pages_show_them(truearm, fleet, file, tmp_path):
     asked = ["fleet", "add-certificate", str(fleet.folder), str(file)]
     for more, code, said in (
         (["--due", "soon"], 2, "expected a day after --due, got 'soon'"),
         ([], 0, "1 new in the registry. Next: truearm fleet status"),
         ([], 0, "Nothing is new."),
     ):
-        with pytest.raises(SystemExit, match=str(code)):
-            run([*asked, *more])
-        assert said in "".join(capsys.readouterr())
+        ran = truearm(*asked, *more)
+        assert (ran.code, said in ran.out + ran.err) == (code, True), ran
     assert "1234 EX 26, not stated" in str(fleet.status())
     assert "recalibrate" not in str(fleet.status())  # a column without an entry
     fleet.write_pages(tmp_path / "overview.html")

@@ -11,7 +11,6 @@ import pytest
 
 import truearm as ta
 from refusals import refuses
-from truearm.command_line import run
 from truearm.errors import InputError
 from truearm.wings.fleet.check_history import RegisteredHistory
 from truearm.wings.fleet.fleet import Fleet
@@ -152,7 +151,7 @@ def test_of_two_writers_none_loses_a_check(fleet):
     assert [one.date.day for one in first.checks(MODEL)] == [1, 2]
 
 
-def test_the_command_checks_and_withdraws(fleet, files, tmp_path, capsys):
+def test_the_command_checks_and_withdraws(truearm, fleet, files, tmp_path):
     asked = ["fleet", "check", str(fleet.folder), ARM]
     page = tmp_path / "page.html"
     for more, code, said in (
@@ -162,10 +161,7 @@ def test_the_command_checks_and_withdraws(fleet, files, tmp_path, capsys):
         (["--withdraw", "1"], 2, "--withdraw needs --reason as well"),
         ([str(files / "seats.csv"), "--reason", "x"], 2, "--reason applies to --withdraw only"),
     ):
-        with pytest.raises(SystemExit, match=str(code)):
-            run([*asked, *more])
-        assert said in "".join(capsys.readouterr())
+        ran = truearm(*asked, *more)
+        assert (ran.code, said in ran.out + ran.err) == (code, True), ran
     assert re.search(rf"checks of {ARM} in sqlite:.*: 1 rows, last checksum [0-9a-f]{{64}}", page.read_text())
-    with pytest.raises(SystemExit, match="0"):
-        run(["fleet", "status", str(fleet.folder), "--json"])
-    assert json.loads(capsys.readouterr().out)["arms"][0]["recalibrate"] == ""
+    assert json.loads(truearm("fleet", "status", fleet.folder, "--json").done().out)["arms"][0]["recalibrate"] == ""

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 import truearm as ta
-from truearm.command_line import run
 from truearm.errors import TruearmError
 from truearm.wings.fleet import database
 from truearm.wings.fleet.arm_list import RegisteredArm
@@ -69,11 +68,11 @@ def test_no_room_for_models_is_the_state_of_their_arms_until_there_is(fleet, ful
     check_complete(fleet)
 
 
-def test_no_room_for_the_data_set_loses_no_result(fleet, full, capsys):
+def test_no_room_for_the_data_set_loses_no_result(truearm, fleet, full):
     full.append(fleet.folder / "results")
-    with pytest.raises(SystemExit, match="2"):
-        run(["fleet", "run", str(fleet.folder)])
-    assert "fits.parquet: the file cannot be written (No space left on device)" in capsys.readouterr().err
+    ran = truearm("fleet", "run", fleet.folder)
+    assert ran.code == 2
+    assert "fits.parquet: the file cannot be written (No space left on device)" in ran.err
     assert sorted(fleet.registry.models_in_force()) == ARMS
     assert list((fleet.folder / "results").iterdir()) == []
     full.clear()

@@ -281,19 +281,13 @@ def test_distances_to_anchors_come_in_mm():
     values = np.hstack([session_like()[:, :2], np.linspace(0.4, 0.6, 8)[:, None]])
     columns = TableColumns(("J1", "J2"), others={"anchor": "wire", "distance_mm": "D"})
     wires = {"wire": ["A", "B"] * 4}
-    given_table = table(values, ("J1", "J2", "D"), ("", "", "m", ""), wires)
-    session = read(given_table, columns, u_mm=0.2).session
-    assert session.distance_mm == pytest.approx(np.linspace(400, 600, 8), rel=1e-15)
+    session = read(table(values, ("J1", "J2", "D"), ("", "", "m", ""), wires), columns, u_mm=0.2).session
+    # Without a unit of their own they have that of the points.
+    as_points = read(table(values, ("J1", "J2", "D"), words=wires), columns, point_unit="m").session
+    for one in (session, as_points):
+        assert one.distance_mm == pytest.approx(np.linspace(400, 600, 8), rel=1e-15)
     assert session.u_distance_mm.tolist() == [0.2] * 8
     assert session.anchor.tolist() == ["A", "B"] * 4
-
-
-def test_distances_without_a_unit_have_that_of_the_points():
-    values = np.hstack([session_like()[:, :2], np.linspace(0.4, 0.6, 8)[:, None]])
-    columns = TableColumns(("J1", "J2"), others={"anchor": "wire", "distance_mm": "D"})
-    given_table = table(values, ("J1", "J2", "D"), words={"wire": ["A", "B"] * 4})
-    session = read(given_table, columns, point_unit="m").session
-    assert session.distance_mm == pytest.approx(np.linspace(400, 600, 8), rel=1e-15)
 
 
 def test_tips_serial_numbers_payload_loads_and_directions_have_their_columns():

@@ -18,8 +18,7 @@ def test_a_plan_is_printed_to_edit(truearm, tmp_path, name):
     assert ran.out == plan_text(name)
     mine = tmp_path / "mine.toml"
     mine.write_text(ran.out.replace("value = 3", "value = 1"))
-    ran = truearm("verify", "simulate", "perfect", "--test-plan", mine, "--arms", 1)
-    assert ran.code == 0, ran
+    ran = truearm("verify", "simulate", "perfect", "--test-plan", mine, "--arms", 1).done()
 
 
 def test_perfect_arms_conform_and_research_arms_do_not(truearm):
@@ -145,8 +144,7 @@ def test_a_sheet_is_written_for_ones_own_artefacts(truearm, tmp_path):
     html = out.read_text()
     for phrase in ("K-101", "measuring arm 2.5 m", "2028-01-15", "150, 450, 900, 1300, 1700"):
         assert phrase in html
-    ran = truearm("verify", "sheet", "asme-b89.4.22", "--page", out)
-    assert ran.code == 0
+    ran = truearm("verify", "sheet", "asme-b89.4.22", "--page", out).done()
     assert "measuring range and artefacts: examples" in ran.out
 
 

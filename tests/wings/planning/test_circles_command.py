@@ -16,8 +16,7 @@ circles = pytest.importorskip("benchmarks.circles", reason="benchmarks are not b
 def filled(truearm, tmp_path_factory):
     """A plan for six joints, filled in with an arm of the catalogue whose target is off its flange."""
     path = tmp_path_factory.mktemp("circles") / "circles.csv"
-    made = truearm("arms", "--circles-plan", 6, "--points", 8, "--span", 50, "--out", path)
-    assert made.code == 0, made.err
+    made = truearm("arms", "--circles-plan", 6, "--points", 8, "--span", 50, "--out", path).done()
     assert "48 readings" in made.out
     assert f"truearm arms --from-circles {path} --out my-arm.toml" in made.out
     form, arm = pd.read_csv(path), load_arm("ur10")
@@ -35,8 +34,7 @@ def filled(truearm, tmp_path_factory):
 
 
 def test_an_arm_without_a_drawing(truearm, filled, tmp_path):
-    done = truearm("arms", "--from-circles", filled, "--out", tmp_path / "mine.toml")
-    assert done.code == 0, done.err
+    done = truearm("arms", "--from-circles", filled, "--out", tmp_path / "mine.toml").done()
     assert done.out.startswith("An arm of 6 joints from 48 points on 6 circles")
     assert "base frame is that of joint 1" in done.out
     assert load_arm(tmp_path / "mine.toml").name == "mine"

@@ -79,8 +79,7 @@ def test_json_has_the_files_and_all_strategies(truearm, tmp_path):
 def test_a_filled_plan_improves_on_the_nominal_arm_without_a_reference_instrument(truearm, tmp_path):
     """The whole way, with a virtual arm in the place of a real one."""
     plan, session, lengths, model = (tmp_path / name for name in ("p.csv", "s.csv", "p-lengths.csv", "m.truearm"))
-    ran = truearm("plan", "gao2017", "--artefact", "bar", "--bar", 300, "--poses", 40, *QUICK, "--out", plan)
-    assert ran.code == 0, ran.err
+    ran = truearm("plan", "gao2017", "--artefact", "bar", "--bar", 300, "--poses", 40, *QUICK, "--out", plan).done()
     angles, seat = aims(plan)
     arm = load_arm("gao2017")
     virtual = VirtualArm.draw(arm, load_preset("research"), seed=3)
@@ -98,8 +97,7 @@ def test_a_filled_plan_improves_on_the_nominal_arm_without_a_reference_instrumen
     ran = truearm("fit", session, "--arm", "gao2017", "--model", "kinematic", "--lengths", lengths, "--out", model)
     assert ran.code == 0, ran.err
     # More for this model: seats of other names, so that both sessions may go into one.
-    ran = truearm("plan", model, "--artefact", "bar", "--bar", 300, "--poses", 4, "--out", tmp_path / "more.csv")
-    assert ran.code == 0, ran.err
+    ran = truearm("plan", model, "--artefact", "bar", "--bar", 300, "--poses", 4, "--out", tmp_path / "more.csv").done()
     assert not set(aims(tmp_path / "more.csv")[1].tolist()) & set(seat.tolist())
     there = proposal.volume_poses(arm, 60, seed=9)
     # Lengths between points of the volume: no seat tells where the base is.

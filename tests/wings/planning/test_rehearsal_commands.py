@@ -107,9 +107,7 @@ def test_the_points_of_a_sheet_are_filled_in_by_a_model(truearm, refused, made, 
     arguments = ["simulate", "gao2017", "--poses", 97, "--seed", 9, "--no-reference", "--out", angles]
     assert truearm(*arguments).code == 0
     into = ["--into", points, "--date", "2026-10-20", "--artefact-temperature", 20.5]
-    ran = truearm("verify", "fill", model, angles, *into)
-    assert ran.code == 0, ran.err
-    assert ran.out.splitlines()[-1] == f"points written to {points}"
+    assert truearm("verify", "fill", model, angles, *into).done().out.splitlines()[-1] == f"points written to {points}"
     assert truearm("predict", model, angles, "--out", tmp_path / "table.csv").code == 0
     with points.open(encoding="utf-8", newline="") as file:
         filled = list(csv.DictReader(file))

@@ -11,8 +11,7 @@ CHECKOUT = Path(__file__).resolve().parents[3]
 
 
 def test_docs_lists_every_page_of_the_guide(truearm):
-    ran = truearm("docs")
-    assert ran.code == 0
+    ran = truearm("docs").done()
     *lines, how = ran.out.splitlines()[1:]
     listed = {line.split()[0] for line in lines}
     assert how.startswith("truearm docs TOPIC prints a page; truearm docs guide ")
@@ -33,14 +32,11 @@ def test_the_table_of_the_guide_and_the_side_bar_have_every_page():
 
 @pytest.mark.parametrize("topic", ["arm-file", "arm-file.md", "docs/arm-file.md"])
 def test_docs_prints_a_page_by_the_name_that_messages_give(truearm, topic):
-    ran = truearm("docs", topic)
-    assert ran.code == 0
-    assert ran.out.startswith("# The arm file\n")
+    assert truearm("docs", topic).done().out.startswith("# The arm file\n")
 
 
 def test_docs_prints_the_front_page_without_the_layout_of_the_site(truearm):
-    ran = truearm("docs", "guide")
-    assert ran.code == 0
+    ran = truearm("docs", "guide").done()
     assert ran.out.startswith("# Guide\n")
     assert "| identify the arm |" in ran.out
     assert "toctree" not in ran.out
@@ -71,8 +67,7 @@ def test_a_page_is_run_in_a_folder_with_the_files_that_it_shows(truearm, tmp_pat
         "```csv a.csv\n1\n```\n\n```console\n$ truearm arms ur5 \\\n  --out arm.toml\nmore\n```\n\n```toml one\n```\n"
     )
     monkeypatch.setattr("truearm.wings.reports.docs_command.guide_pages", lambda: {"page": page})
-    ran = truearm("docs", "page", "--run", str(tmp_path / "new" / "folder"))
-    assert ran.code == 0, ran.err
+    ran = truearm("docs", "page", "--run", str(tmp_path / "new" / "folder")).done()
     assert ran.out.startswith("$ truearm arms ur5 --out arm.toml\narm.toml: ur5, 6 joints")
     assert {path.name for path in (tmp_path / "new" / "folder").iterdir()} == {"a.csv", "arm.toml"}
     assert "a.csv exists already" in truearm("docs", "page", "--run", str(tmp_path / "new" / "folder")).refused().err

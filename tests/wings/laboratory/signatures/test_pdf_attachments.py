@@ -6,7 +6,6 @@ import pytest
 
 from refusals import refuses
 from truearm.errors import MissingTool
-from truearm.files import extra_packages
 from truearm.wings.laboratory.signatures.pdf_attachments import attached_xml, is_pdf
 
 pypdf = pytest.importorskip("pypdf", reason="pip install truearm[pdf] reads PDF files")
@@ -56,10 +55,6 @@ def test_a_file_that_grows_without_end_is_refused():
     refuses("cannot be read|larger than", attached_xml, packed, limit_bytes=10_000_000)
 
 
-def test_without_the_package_the_message_says_how_to_get_it(monkeypatch):
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(extra_packages, "import_module", missing)
+def test_without_the_package_the_message_says_how_to_get_it(without_extras):
     with pytest.raises(MissingTool, match=r"pip install 'truearm\[pdf\]'"):
         attached_xml(pdf(), limit_bytes=10)

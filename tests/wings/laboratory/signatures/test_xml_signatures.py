@@ -13,7 +13,6 @@ from lxml import etree
 from made_up_signers import CONTENT, advanced, authority, certified, curve_key, named, sealed, usage, write
 from refusals import refuses
 from truearm.errors import MissingTool
-from truearm.files import extra_packages
 from truearm.wings.laboratory.signatures import xml_references
 from truearm.wings.laboratory.signatures.x509_certificates import Signer, is_encrypted, read_signer
 from truearm.wings.laboratory.signatures.xml_references import (
@@ -270,11 +269,7 @@ def test_keys_and_certificates_are_checked(keys, tmp_path):
     refuses("expected a key for RSA or an elliptic curve", signer, tmp_path, "edwards")
 
 
-def test_without_the_package_the_message_says_how_to_get_it(signed, keys, monkeypatch):
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(extra_packages, "import_module", missing)
+def test_without_the_package_the_message_says_how_to_get_it(signed, keys, without_extras):
     with pytest.raises(MissingTool, match=r"pip install 'truearm\[sign\]'"):
         verified_content(signed)
     with pytest.raises(MissingTool):

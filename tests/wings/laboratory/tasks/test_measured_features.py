@@ -11,7 +11,6 @@ from scipy.stats import t as student_t
 
 import truearm as ta
 from refusals import refuses
-from truearm.command_line import run
 from truearm.identification.terms import directions
 from truearm.readings.session import Session
 from truearm.wings.laboratory.shapes.plane import fit_plane
@@ -309,19 +308,13 @@ def to_nine_digits(text):
     return json.loads(text, parse_float=lambda number: f"{float(number):.9g}")
 
 
-def test_both_doors_say_the_same(model, ball, tmp_path, capsys):
+def test_both_doors_say_the_same(truearm, model, ball, tmp_path):
     model.save(tmp_path / "arm.truearm")
     ball.save(tmp_path / "ball.csv")
     record = ta.measure(tmp_path / "arm.truearm", tmp_path / "ball.csv", n_arms=100, seed=3)
     arguments = ["measure", tmp_path / "arm.truearm", tmp_path / "ball.csv", "--arms", 100, "--seed", 3]
-    for json_option, expected in ((["--json"], record.to_dict()), ([], None)):
-        with pytest.raises(SystemExit) as ended:
-            run([str(one) for one in [*arguments, *json_option]])
-        assert ended.value.code == 0
-        told = capsys.readouterr().out
-        if expected is not None:
-            assert to_nine_digits(told) == to_nine_digits(json.dumps(expected))
-        else:
-            assert told.strip() == str(record)
+    assert truearm(*arguments).done().out.strip() == str(record)
+    told = truearm(*arguments, "--json").done().out
+    assert to_nine_digits(told) == to_nine_digits(json.dumps(record.to_dict()))
     assert "Sphere: diameter 25.0" in str(record).splitlines()[0]
     refuses(r"ball\.csv: expected the readings of two ends", ta.measure, model, tmp_path / "ball.csv", "length")

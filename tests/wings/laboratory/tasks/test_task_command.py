@@ -9,7 +9,6 @@ import pytest
 from command_line import called
 from refusals import refuses
 from truearm.arm.catalogue import load_arm
-from truearm.command_line import run
 from truearm.models import KinematicModel, NominalModel
 from truearm.wings.laboratory.verbs import task_command as command
 from truearm.wings.laboratory.verbs.task_command import CODES
@@ -185,11 +184,9 @@ def test_options_that_do_not_fit_are_refused(args, options, said):
         ("--repeatability", "5um", "expected a number with a decimal point, such as 0.2"),
     ],
 )
-def test_a_number_in_another_notation_is_refused_with_an_example(capsys, option, typed, said):
-    with pytest.raises(SystemExit) as ended:
-        run(["task", "shop", option, typed])
-    assert ended.value.code == 2
-    assert capsys.readouterr().err == f"truearm: Invalid value for '{option}': {said}. Try: truearm task --help\n"
+def test_a_number_in_another_notation_is_refused_with_an_example(truearm, option, typed, said):
+    said = f"truearm: Invalid value for '{option}': {said}. Try: truearm task --help\n"
+    assert truearm("task", "shop", option, typed).refused().err == said
 
 
 def test_the_bar_shows_through_all_of_it(monkeypatch, tmp_path, capsys):
