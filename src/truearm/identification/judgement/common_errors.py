@@ -8,7 +8,6 @@ from typing import Self
 import numpy as np
 
 from truearm.arm.arm import Arm
-from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import eliminate_unknowns
@@ -55,11 +54,6 @@ def settled_pose_errors(
     return np.array(list(part.unknowns.values())), lever, float(np.sqrt(of_position))
 
 
-def expected_size_std(chain: Chain) -> float:
-    """Relative standard deviation of the size of arms about the nominal one, whose lengths differ independently."""
-    return LENGTH_STD_MM * relative_size(chain) / float(np.linalg.norm(link_vectors(chain)))
-
-
 @dataclass(frozen=True, eq=False)
 class CommonErrors:
     """The common errors by an identified arm.
@@ -89,13 +83,21 @@ class CommonErrors:
         of_data = (reduced.root.T @ reduced.root).toarray()[np.ix_(place, place)]
         return cls(x[own], of_data - with_arm @ slope.T, with_arm)
 
-    def widened(self, which: int, variance: float, fit: IdentificationResult) -> tuple[Self, IdentificationResult]:
-        """These and the arm where error `which` has at least a variance; what depends on it is as much less certain."""
-        own = self.covariance[which, which]
-        if variance <= own:
+    def with_usual_size(
+        self, fit: IdentificationResult, *, unit: float, precision: float
+    ) -> tuple[Self, IdentificationResult]:
+        """These and the arm where the last error, the size of the reference, is no more certain than it can be.
+
+        That is by what is stated of it, the `precision` in its `unit`, and by the lengths of usual arms, which differ
+        from nominal ones independently. What depends on it is as much less certain.
+        """
+        chain, own = fit.perturbed_chain.chain, self.covariance[-1, -1]
+        lengths_mm = float(np.linalg.norm(link_vectors(chain)[1:-1]))  # between the joints
+        of_lengths = LENGTH_STD_MM * relative_size(chain) / lengths_mm / unit
+        missing = 1 / (of_lengths**-2 + precision) - own
+        if missing <= 0:
             return self, fit
-        along, of_arm = (part[which] / own * np.sqrt(variance - own) for part in (self.covariance, self.with_arm))
-        covariance = self.covariance + np.outer(along, along)
-        return type(self)(self.values, covariance, self.with_arm + np.outer(along, of_arm)), with_shared_error(
-            fit, of_arm
-        )
+        along, of_arm = (part[-1] / own * np.sqrt(missing) for part in (self.covariance, self.with_arm))
+        more = np.outer(along, along), np.outer(along, of_arm)
+        found = type(self)(self.values, self.covariance + more[0], self.with_arm + more[1])
+        return found, with_shared_error(fit, of_arm)

@@ -16,7 +16,7 @@ from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.findings import Finding, in_order
-from truearm.identification.judgement.common_errors import CommonErrors, expected_size_std
+from truearm.identification.judgement.common_errors import CommonErrors
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.models.identified_model import IdentifiedModel, require_identified
 from truearm.readings import Lengths, Session, read_lengths
@@ -375,9 +375,8 @@ def _with_size(model: IdentifiedModel, poses: ImagePoses, session: Session, leng
     found = CommonErrors.of(model.fit_, prepared)
     found = replace(found, covariance=model.birge_ratio_**2 * found.covariance)
     if poses.images.free[-1] and prepared.lengths is None:
-        of_lengths = expected_size_std(model.nominal_.chain) / poses.images.units[-1]
-        least = 1 / (of_lengths**-2 + poses.images.precision[-1])
-        found, model.fit_ = found.widened(-1, float(least), model.fit_)
+        of_size = {"unit": float(poses.images.units[-1]), "precision": float(poses.images.precision[-1])}
+        found, model.fit_ = found.with_usual_size(model.fit_, **of_size)
     return found
 
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.arm import Arm
+from truearm.arm import Arm
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.identification.judgement.common_errors import settled_pose_errors
 from truearm.readings import Session
-from truearm.readings.pose_errors import LEVER_MM, PoseErrors
+from truearm.readings.pose_errors import PoseErrors
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.camera.closed_form import motion
 from truearm.wings.camera.images import Adjustment, Images, adjust
@@ -56,7 +56,7 @@ class ImagePoses:
     adjusted: Adjustment
     is_in_hand: bool
     depth_mm: float = 0.0
-    lever_mm: float = LEVER_MM
+    lever_mm: float = PoseErrors.lever_mm
     arm_std_mm: float = 0.0
 
     @property
