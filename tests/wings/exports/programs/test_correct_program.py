@@ -291,6 +291,13 @@ class TestCommand:
         file = written(tmp_path, joints_module(joints_of(IRB)))
         refused(["correct", model, file, "--out", tmp_path / "new.mod", *options], problem)
 
+    def test_a_corrected_program_is_replaced_and_no_other(self, tmp_path, model, truearm, refused):
+        file, out = written(tmp_path, joints_module(joints_of(IRB))), tmp_path / "new.mod"
+        for _ in range(2):
+            truearm("correct", model, file, "--out", out, "--untrained", "accept").done()
+        other = written(tmp_path, joints_module(joints_of(IRB)), "other.mod")
+        refused(["correct", model, file, "--out", other], "no program that truearm has corrected")
+
     def test_nothing_is_written_where_nothing_is_corrected(self, tmp_path, model, truearm):
         text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)).replace(",tGrip\\", ",tOther\\")
         ran = truearm("correct", model, written(tmp_path, text), "--out", tmp_path / "new.mod")

@@ -129,6 +129,20 @@ def correct_program(
         raise error if error.file is not None else error.in_file(path) from None
 
 
+def read_corrected(path: str | Path) -> None:
+    """Check that a file is a corrected program, which may be replaced.
+
+    Raises
+    ------
+    InputError
+        If it is another file.
+    """
+    file = read_limited(path, limit_bytes=MAX_BYTES)
+    language = language_of(file)
+    if language is None or not _MARK.search(language.unpacked(file)):
+        raise InputError("it is no program that truearm has corrected", file=path)
+
+
 def _start_of(start: npt.ArrayLike) -> FloatArray:
     joints = np.asarray(start, dtype=float)
     if joints.shape != (N_JOINTS,) or not np.isfinite(joints).all():

@@ -10,7 +10,7 @@ from truearm.files.file_reading import read_limited
 from truearm.models import Compensator
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_output
-from truearm.wings.exports.programs.correct_program import MAX_BYTES, correct_program
+from truearm.wings.exports.programs.correct_program import MAX_BYTES, correct_program, read_corrected
 from truearm.wings.exports.programs.languages import UNREADABLE, language_of
 
 # Options of tables, which a program states itself.
@@ -41,7 +41,7 @@ def run(
     for name, option in _OF_TABLES.items():
         if of_tables.get(name) is not None:
             raise InputError(f"{option} is for tables of targets; a program states it itself", file=program)
-    check_output(out, program, frames, endings=(program.suffix,))
+    check_output(out, program, frames, endings=(program.suffix,), read=read_corrected)
     with progress(f"correcting {program.name}"):
         corrected = correct_program(
             model, program, direction=direction, frames=frames, start=start, untrained=untrained
