@@ -1,7 +1,6 @@
 """The page about programs: its module, its commands, and its frames."""
 
 from page_transcripts import block, check_printed, commands
-
 from truearm.files.toml_documents import parse_toml
 from truearm.wings.exports.programs.frames_file import FramesFile
 
