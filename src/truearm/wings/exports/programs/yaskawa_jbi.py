@@ -42,7 +42,8 @@ _USED = re.compile(r"\b(LP|P|C)X?(\d+)\b|\bL?PX?\[")
 _JOINTS = tuple(f"j{i}" for i in range(1, 7))  # S, L, U, R, B, T
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
 _KINDS: dict[str, MoveKind] = {"MOVL": "linear", "MOVC": "circular"}
-_OTHER_JOINTS = {"BC", "EC", "BP", "EX", "LBP", "LEX"}
+_UNITS = {"PULSE", "RECTAN", "ANGLE"}
+_OTHER_AXES = {"BC", "EC", "BP", "EX", "LBP", "LEX"}
 
 
 class _Pulse(Number):
@@ -56,37 +57,12 @@ class _Point(Target):
     unit: tuple[float, ...] = ()
 
 
-@dataclass
-class _State:
-    """What lines of //POS state for the points after them."""
-
-    tool: str | None = None
-    user: str | None = None
-    postype: str = ""
-    unit: str = ""
-    rconf: tuple[int, ...] = ()
-
-    def take(self, key: str, rest: str) -> None:
-        """Take a line of state."""
-        if key == "TOOL":
-            self.tool = rest
-        elif key == "USER":
-            self.user = rest
-        elif key == "POSTYPE":
-            self.postype = rest
-        elif key in ("PULSE", "RECTAN", "ANGLE"):
-            self.unit = key
-        elif key == "RCONF":
-            self.rconf = tuple(int(one) for one in re.findall(r"-?\d+", rest))
-
-
 class _Reader:
     """One pass over the lines of a job: positions, then instructions."""
 
     def __init__(self, data: bytes, beside: Surroundings) -> None:
         self.data, self.beside = data, beside
-        self.state = _State()
-        self.stated_points = -1
+        self.state: dict[str, str] = {}
         self.points: dict[str, tuple[int, str, Target | str]] = {}
         self.other_axes = 0
         self.moves: list[tuple[int, MoveKind, str]] = []
@@ -106,22 +82,22 @@ class _Reader:
             raise InputError(
                 "the job has no END: it is truncated", line=line_of(data, len(data)), hint="save the job again"
             )
-        taught = sum(name.startswith("C") for name in self.points)
-        if taught < self.stated_points:
-            raise InputError(f"the job states {self.stated_points} taught points and has {taught}: it is truncated")
+        taught, stated = sum(key.startswith("C") for key in self.points), _integers(self.state.get("NPOS", ""))
+        if stated and taught < stated[0]:
+            raise InputError(f"the job states {stated[0]} taught points and has {taught}: it is truncated")
 
     def _position(self, at: int, text: str) -> None:
         """Take a line of //POS."""
         state = _STATE.match(text)
         if state is not None:
-            if state[1] == "NPOS":
-                self.stated_points = int((re.findall(r"\d+", state[2]) or ["0"])[0])
-            self.state.take(state[1], state[2].strip())
+            self.state[state[1]] = state[2].strip()
+            if state[1] in _UNITS:
+                self.state["unit"] = state[1]
             return
         point = _POINT.match(text)
         if point is None:
             return
-        if point[1] in _OTHER_JOINTS:
+        if point[1] in _OTHER_AXES:
             self.other_axes += 1
             return
         line = line_of(self.data, at)
@@ -137,28 +113,30 @@ class _Reader:
     def _target(self, name: str, line: int, parts: list[tuple[int, str]]) -> Target | str:
         """The target of a point, or why it is not changed."""
         state, frames = self.state, self.beside.frames
+        unit, postype = state.get("unit", ""), state.get("POSTYPE", "")
         if len(parts) != len(_JOINTS) or not all(_NUMBER.fullmatch(digits) for _, digits in parts):
             return f"it has {len(parts)} values, not the six numbers of an arm of six axes"
-        made = _Pulse if state.unit == "PULSE" else Number
+        made = _Pulse if unit == "PULSE" else Number
         numbers = [made(first, first + len(digits), digits.encode("ascii")) for first, digits in parts]
         values = np.array([number.value for number in numbers])
-        tool = frames.tool_of(state.tool)
-        if state.unit in ("PULSE", "ANGLE"):
-            if state.unit == "PULSE" and frames.pulses_per_deg is None:
+        tool = frames.tool_of(state.get("TOOL"))
+        if unit in ("PULSE", "ANGLE"):
+            if unit == "PULSE" and frames.pulses_per_deg is None:
                 return "its joints are in pulses: state pulses_per_deg in --frames"
-            unit = np.array(frames.pulses_per_deg if state.unit == "PULSE" else np.ones(6))
+            scale = np.array(frames.pulses_per_deg if unit == "PULSE" else np.ones(6))
             named = dict(zip(_JOINTS, numbers, strict=True))
-            return _Point(name, line, named, joints=np.radians(values / unit), T_flange_tool=tool, unit=tuple(unit))
-        if state.unit != "RECTAN" or state.postype not in ("BASE", "ROBOT", "USER"):
-            return f"a position of the type {state.postype or 'that is not stated'}: a shift, or of another device"
-        if state.postype == "BASE" and self.other_axes:
+            return _Point(name, line, named, joints=np.radians(values / scale), T_flange_tool=tool, unit=tuple(scale))
+        if unit != "RECTAN" or postype not in ("BASE", "ROBOT", "USER"):
+            return f"a position of the type {postype or 'that is not stated'}: a shift, or of another device"
+        if postype == "BASE" and self.other_axes:
             return "a pose in the base of a job with further axes: a track may be under the arm"
-        conditions = _conditions(state.rconf)
+        conditions = _conditions(_integers(state.get("RCONF", "")))
         if isinstance(conditions, str):
             return conditions
-        work = frames.work_of(state.user) if state.postype == "USER" else np.eye(4)
+        work = frames.work_of(state.get("USER")) if postype == "USER" else np.eye(4)
         if tool is None or work is None:
-            return f"state [{f'tools.{state.tool}' if tool is None else f'works.{state.user}'}] in --frames"
+            missing = f"tools.{state.get('TOOL')}" if tool is None else f"works.{state.get('USER')}"
+            return f"state [{missing}] in --frames"
         R = rotation_of(values[3:].tolist())
         named = dict(zip(_POSE, numbers, strict=True))
         return _Point(
@@ -250,6 +228,10 @@ class YaskawaJob(Language):
     def number_text(self, number: Number, value: float, decimals: int) -> bytes:
         """See `Language`."""
         return super().number_text(number, value, 0 if isinstance(number, _Pulse) else decimals)
+
+
+def _integers(text: str) -> list[int]:
+    return [int(one) for one in re.findall(r"-?\d{1,9}", text)]
 
 
 def _key(kind: str, number: str) -> str:
