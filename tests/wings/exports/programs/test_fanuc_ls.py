@@ -157,6 +157,17 @@ def test_positions_of_other_kinds_stay_with_a_reason(case):
     assert reason in reasons(program)["P[1]"]
 
 
+def test_words_in_names_are_no_options_and_what_a_search_stores_is_no_shift():
+    move = "L P[1:Offset INC] 100mm/sec FINE Skip,LBL[1:VOFFSET],PR[5:x]=LPOS   "
+    assert len(read(fanuc_program([block(1)], [move])).targets) == 1
+
+
+def test_moves_to_other_places_stand_between_those_to_targets():
+    moves = ["L P[1] 1mm/sec FINE   ", "L PR[3] 1mm/sec FINE   ", "L P[1] 1mm/sec FINE Offset,PR[1]   "]
+    program = read(fanuc_program([block(1)], [*moves, "L P[1] 1mm/sec FINE   "]))
+    assert [move.target for move in program.moves] == [0, None, None, 0]
+
+
 def test_further_groups_keep_their_bytes():
     two = block(1).replace("\r\n}", "\r\n   GP2:\r\n\tUF : 0, UT : 1,\r\n\tJ1=  -100.000  mm\r\n}")
     (target,) = read(fanuc_program([two], ["L P[1] 100mm/sec FINE   "])).targets

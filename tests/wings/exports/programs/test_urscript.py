@@ -113,6 +113,11 @@ def test_a_point_that_others_are_computed_from_is_said_to_be_one():
     assert "P is used in a computation in line 5: the result has the correction of P" in program.notes
 
 
+def test_moves_to_other_places_stand_between_those_to_targets():
+    program = read("movej([0,1,1,0,1,0])\nmovel(get_actual_tcp_pose())\nmovej([0,1,1,0,1,1])\n")
+    assert [move.target for move in program.moves] == [0, None, 1]
+
+
 def test_literals_that_are_assigned_one_after_the_other_are_all_targets():
     text = "set_tcp(p[0,0,0.1,0,0,0])\nq=[0,1,1,0,1,0]\nmovej(q)\nq=[0,1,1,0,1,1]\nmovej(q)\n"
     assert len(read(text).targets) == 2

@@ -47,7 +47,8 @@ _STATEMENT = re.compile(r"^[ \t]*(\d+):(?:.*\n?(?![ \t]*\d+:))*", re.MULTILINE)
 _MOTION = re.compile(r"[ \t]*\d+:[ \t]*([JLCAS])[ \t]+(?:P|PR)\[")
 _REMARK = re.compile(r"[ \t]*\d+:[ \t]*(?:!|--|//)")
 _USE = re.compile(r"(?<![\w$])P\[\s*(?:GP\d+\s*:\s*)?(?:(\d+)[^\]\n]*|[A-Za-z]+\[[^\n]*?)\]([ \t]*=(?!=))?")
-_SHIFT = re.compile(r"(?<!\w)(PR|VR)\[|\b(VOFFSET|Offset|Tool_Offset)\b")
+_NAME = re.compile(r":[^\]\n]*\]")  # of a register or a point, within its brackets
+_SHIFT = re.compile(r"(?<!\w)(?:PR|VR)\[[^\]\n]*\](?![ \t]*=)|\b(?:VOFFSET|Offset|Tool_Offset)\b")
 _AT_RUN_TIME = {"INC": "an increment", "INK": "an increment", "COORD": "of a motion coordinated with another group"}
 _POSE = ("x", "y", "z", "w", "p", "r")
 _TURNS = (1, 4, 6)
@@ -79,26 +80,30 @@ class _Uses:
     def take(self, line: int, statement: str) -> None:
         """Add one statement."""
         words = " ".join(statement.partition(":")[2].split()).rstrip(" ;")
-        motion = _MOTION.match(statement)
-        reason = _reason(statement) if motion else None
-        for use in _USE.finditer(statement):
-            number = int(use[1] or 0)
+        motion, plain = _MOTION.match(statement), _NAME.sub("]", statement)
+        reason = next((why for word, why in _AT_RUN_TIME.items() if re.search(rf"\b{word}\b", plain)), None)
+        uses = list(_USE.finditer(statement))
+        for use in uses:
+            number, place = int(use[1] or 0), 0
             if motion and not number:
                 self.any_point = True
                 self.left.append(LeftAlone(line, words, "the number of the point is computed at run time"))
             elif motion and reason:
                 self.problems.setdefault(number, f"{reason} (line {line})")
-            elif motion and _SHIFT.search(statement):
+            elif motion and _SHIFT.search(plain):
                 self.shifted.setdefault(number, line)
                 self.left.append(LeftAlone(line, words, f"P[{number}] is shifted at run time"))
             elif motion:
-                self.motions.append((line, motion[1], number))
                 self.reached.add(number)
+                place = number
             elif use[2] and not statement[: use.start()].partition(":")[2].strip():
                 self.problems[number] = f"assigned at run time in line {line}"
             else:
                 self.bases.setdefault(number, line)
-        if motion and not _USE.search(statement):
+            if motion:
+                self.motions.append((line, motion[1], place))
+        if motion and not uses:
+            self.motions.append((line, motion[1], 0))
             self.left.append(LeftAlone(line, words, "a position register: its value is not in the program"))
 
     def reason_against(self, number: int) -> str | None:
@@ -117,14 +122,6 @@ class _Uses:
             for number, line in sorted(numbers.items()):
                 if number in changed:
                     yield f"P[{number}] is {what} in line {line}: the result has the correction of P[{number}]"
-
-
-def _reason(statement: str) -> str | None:
-    """Why the points of a motion are none of this arm alone."""
-    for word, reason in _AT_RUN_TIME.items():
-        if re.search(rf"\b{word}\b", statement):
-            return reason
-    return None
 
 
 class FanucListing(Language):

@@ -164,6 +164,7 @@ class PolyScope(Language):
             if isinstance(made, str):
                 literal = node.text("type") == "Fixed" and not made.startswith("it is suppressed")
                 left.append(LeftAlone(line, node.text("name") or "waypoint", made, is_literal=literal))
+                moves.append((line, _kind(node), -1))
                 continue
             at = next(iter(made.numbers.values())).start
             targets.setdefault(at, made)
@@ -176,7 +177,7 @@ class PolyScope(Language):
             data,
             tuple(targets.values()),
             tuple(left),
-            tuple(Move(line, kind, order[at]) for line, kind, at in moves),
+            tuple(Move(line, kind, order.get(at)) for line, kind, at in moves),
             tuple(notes),
             reader.chain,
         )

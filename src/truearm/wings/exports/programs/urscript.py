@@ -169,7 +169,9 @@ class _Reader:
         if call == "set_tcp":
             self.tools += [None] if isinstance(lists, str) else lists
             return
+        kind = _KINDS.get(call, "joint")
         if isinstance(lists, str):
+            self.moves.append((line, kind, -1))
             self.left.append(LeftAlone(line, words, lists))
             for name in _NAME.findall(self.code[start:end]):
                 self.bases.setdefault(name, line)
@@ -180,7 +182,7 @@ class _Reader:
                 literal.start, _Use(name if _NAME.fullmatch(name) else f"{call} in line {line}", literal)
             )
             use.near |= {one.start: one for one in near}
-            self.moves.append((line, _KINDS.get(call, "joint"), literal.start))
+            self.moves.append((line, kind, literal.start))
 
     def _lists(self, start: int, end: int) -> list[_Literal] | str:
         """The literal lists that an expression can be, or why it is none."""
@@ -199,7 +201,7 @@ class _Reader:
         tool, no_tool = self._tool(beside)
         self.n_uses.update([*self.uses, *(start for use in self.uses.values() for start in use.near)])
         before: _Literal | None = None
-        for start in dict.fromkeys(start for _, _, start in self.moves):
+        for start in dict.fromkeys(start for _, _, start in self.moves if start >= 0):
             use = self.uses[start]
             if not use.literal.is_pose:
                 before = use.literal

@@ -166,7 +166,7 @@ class _Reader:
             elif move[1].startswith("I") or self.shifted:
                 reason = "an increment" if move[1].startswith("I") else "shifted at run time (SFTON)"
                 self.problems.setdefault(key, f"{reason} (line {line})")
-            else:
+            if move is not None:
                 self.moves.append((line, _KINDS.get(move[1][-4:], "joint"), key))
 
     def program(self) -> Program:
@@ -180,7 +180,7 @@ class _Reader:
             else:
                 self.left.append(LeftAlone(line, name, reason or str(made), is_literal=reason is None))
         for line, _, key in self.moves:
-            if key not in self.points:
+            if key and key not in self.points:
                 self.left.append(LeftAlone(line, key.replace(" ", ""), "its position is not in the job"))
         order = {key: k for k, key in enumerate(targets)}
         notes = []
