@@ -15,7 +15,7 @@ from truearm.acceptance import acceptance_remarks, accepts
 from truearm.arm import Arm
 from truearm.choices import ModelName
 from truearm.errors import InputError
-from truearm.findings import Finding, findings_of, in_order
+from truearm.findings import Finding, in_order
 from truearm.models.identified_model import require_identified
 from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
@@ -164,8 +164,8 @@ def hand_eye(
         identified = require_identified(fitted.model, "hand-eye needs an identified arm", hint="--model kinematic")
         camera, mounted = of_model(identified, eye_in_hand=in_hand, centre=centre)
     findings = (
-        *findings_of("acceptance", acceptance_remarks(accept) if fitted is None else ()),
-        *findings_of("hand-eye", said),
+        *(Finding("acceptance", one) for one in acceptance_remarks(accept if fitted is None else None)),
+        *(Finding("hand-eye", one) for one in said),
         *(() if fitted is None else fitted.findings),
     )
     return HandEyeResult(

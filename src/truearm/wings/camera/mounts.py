@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.chain import Chain
+from truearm.arm import Chain
 from truearm.arm.rigid_motions import cross_matrix, xyz_rpy_from_frame
 from truearm.models.identified_model import IdentifiedModel
 from truearm.typing import FloatArray

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
-from truearm.files.delimited import Sheet, as_utf8, read_columns, split_line
+from truearm.files.delimited import Sheet, as_utf8, read_columns
 from truearm.files.file_reading import read_limited, recognise_encoding
 from truearm.files.spreadsheet_forms import form_of
 from truearm.files.yaml_reader import YamlNode, parse_yaml
@@ -394,7 +394,7 @@ def _sheet(data: bytes, file: Path) -> Sheet:
     head = text.decode().lstrip("\ufeff").splitlines()[:1]
     first = head[0] if head else ""
     if not any(sign in first for sign in ",;\t"):
-        cells = split_line(first, " ")
+        cells = first.split()
         bare = all(map(_is_number, cells))
         names = tuple(str(i + 1) for i in range(len(cells))) if bare else tuple(cells)
         return Sheet(file, names, 1 if bare else 2, first, " ", ".", text)
