@@ -221,3 +221,9 @@ def cells(name: str = "ur10", arms: int = 40, images: int = 25, preset: str = "r
         ],
         [f"Fresh images: {FRESH} of each arm; mean distance of the board from where it is predicted."],
     )
+
+
+@ROWS.row("more-images", quick={"arms": 1}, is_long=True)
+def more_images(arms: int = 20, images: int = 60) -> RowResult:
+    """The same with more images."""
+    return cells(arms=arms, images=images)

@@ -27,6 +27,8 @@ MOST_TURN = np.radians(160.0)
 ALL_PAIRS = 60
 # Root mean square turning about other axes below which a direction is open: noise of orientations makes some of it.
 OPEN_TURN = np.radians(3.0)
+# A size with a larger relative standard deviation is not told by the positions.
+LEAST_SIZED = 0.1
 ROUNDS = 30
 UNKNOWNS = 12
 
@@ -139,17 +141,18 @@ def closed_form(A: FloatArray, C: FloatArray, *, sized: bool) -> ClosedForm:
     turned = R_X @ A[:, :3, :3]
     target = A[:, :3, 3] @ R_X.T
     unit = np.broadcast_to(np.eye(3), turned.shape)
-    # Linear in the sizes k and in both translations: k t_i - t_X - R_X R_i t_Y = R_X t_i(A).
-    across, along = (C[:, :3, 3, None] * np.array(one)[:, None] for one in ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     size, size_std, depth, depth_std = 1.0, 0.0, 1.0, 0.0
     if sized:
-        found, cov, _ = _linear([across + along, -unit, -turned], target)
-        size, size_std = float(found[0]), float(np.sqrt(cov[0, 0]))
+        # Linear in what a length of the arm is in the camera: t_i = s R_X t_i(A) + t_X + R_X R_i t_Y. The noise is that
+        # of the camera; with the size at its positions, noise would pull it to zero where they hardly tell it.
+        found, cov, _ = _linear([target[:, :, None], unit, turned], C[:, :3, 3])
+        scale, scale_std = float(found[0]), float(np.sqrt(cov[0, 0]))
+        size_std = scale_std / scale**2
+        size = 1 / scale if scale_std < LEAST_SIZED * abs(scale) else 1.0
         if len(A) > UNKNOWNS // 2:
-            both, cov, _ = _linear([across, along, -unit, -turned], target)
-            depth = float(both[1] / both[0])
-            by = np.array([-depth, 1.0]) / both[0]
-            depth_std = float(np.sqrt(by @ cov[:2, :2] @ by))
+            along = C[:, :3, 3, None] * np.array([0.0, 0.0, 1.0])[:, None]
+            found, cov, _ = _linear([along, target[:, :, None], unit, turned], C[:, :3, 3])
+            depth, depth_std = 1 - float(found[0]), float(np.sqrt(cov[0, 0]))
     translations, _, left = _linear([unit, turned], size * C[:, :3, 3] - target)
     is_wrong = size <= 0 or (mirror and values[2] > 0.1 * values[1])
     rms = np.inf if is_wrong else float(np.sqrt((left**2).sum(axis=1).mean())) / size
