@@ -38,8 +38,8 @@ from truearm.wings.bench.sources import Sample as Sample
 from truearm.wings.bench.sources import Source as Source
 from truearm.wings.bench.sources import StandstillRule as StandstillRule
 from truearm.wings.bench.sources import open_source as open_source
-from truearm.wings.camera.corners import CornersResult as CornersResult
-from truearm.wings.camera.corners import find_corners as find_corners
+from truearm.wings.camera.find_corners import CornersResult as CornersResult
+from truearm.wings.camera.find_corners import find_corners as find_corners
 from truearm.wings.camera.fit_images import ImageFit as ImageFit
 from truearm.wings.camera.fit_images import fit_images as fit_images
 from truearm.wings.camera.hand_eye import HandEyeResult as HandEyeResult

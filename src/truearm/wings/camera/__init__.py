@@ -6,7 +6,7 @@ from typing import Literal
 NAMES: dict[str, tuple[str, ...]] = {
     "fit_images": ("ImageFit", "fit_images"),
     "hand_eye": ("HandEyeResult", "hand_eye"),
-    "corners": ("CornersResult", "find_corners"),
+    "find_corners": ("CornersResult", "find_corners"),
     "plan_images": ("ImagePlan", "plan_images"),
     "sheets": ("BoardSheet", "draw_board"),
     "simulate_images": ("ImageSimulation", "simulate_images"),

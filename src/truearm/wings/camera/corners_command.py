@@ -15,7 +15,7 @@ BoardOption = Annotated[str, Option("--board", help="The board, as charuco:8x11,
 CameraOption = Annotated[Path | None, Option("--camera", help="The camera's intrinsics: camera_info of ROS, .yaml.")]
 
 
-@of_verb("truearm.wings.camera.corners:find_corners", omit=("progress",))
+@of_verb("truearm.wings.camera.find_corners:find_corners", omit=("progress",))
 def corners(
     verb: Any,
     session: options.SessionFile,
@@ -34,7 +34,7 @@ def corners(
 
     The table is that of reading, image, camera, board, corner, u_px, v_px; other detectors may write it too.
     """
-    from truearm.wings.camera.corners import check_corners_output
+    from truearm.wings.camera.find_corners import check_corners_output
     from truearm.wings.camera.image_files import list_images
 
     check_corners_output(out, page, session, camera)

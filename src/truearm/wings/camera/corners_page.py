@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure as Drawing
@@ -12,7 +12,8 @@ from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, S
 from truearm.pages.palette import NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style
 from truearm.typing import FloatArray
-from truearm.wings.camera.corners import CornersResult, SeenImage
+from truearm.wings.camera.detection import SeenImage
+from truearm.wings.camera.images import Adjustment
 
 # Images that are drawn: those without a board, those with the largest residuals, and others up to this number.
 MOST_DRAWN = 60
@@ -22,50 +23,70 @@ LEVELS = 16
 TYPICAL_LENGTH = 8.0
 
 
-def corners_page(found: CornersResult) -> Page:
-    """Lay out the corners of images."""
-    residuals = _residuals(found)
-    n_missed = len(found.images) - found.n_found
-    summary = [LabelledValue("images with the board", found.n_found), LabelledValue("corners", len(found.pixels))]
-    if found.adjusted is not None:
-        summary.append(LabelledValue("scatter of a coordinate", found.adjusted.std_px, "px"))
+def corners_page(
+    images: Sequence[SeenImage],
+    adjusted: Adjustment | None,
+    *,
+    board: str,
+    size_px: tuple[int, int],
+    said: str,
+    assumed: Sequence[str],
+) -> Page:
+    """Lay out the corners of images.
+
+    Parameters
+    ----------
+    images : sequence of SeenImage
+    adjusted : Adjustment or None
+        Poses of the board in the images that show it, and the camera.
+    board : str
+        Its name.
+    size_px : (int, int)
+        Width and height of the images.
+    said : str
+        The answer in one sentence.
+    assumed : sequence of str
+        What was assumed.
+    """
+    found = [image for image in images if len(image.detection)]
+    n_corners, n_missed = sum(len(image.detection) for image in found), len(images) - len(found)
+    summary = [LabelledValue("images with the board", len(found)), LabelledValue("corners", n_corners)]
+    residuals: dict[str, FloatArray] = {}
+    if adjusted is not None:
+        summary.append(LabelledValue("scatter of a coordinate", adjusted.std_px, "px"))
+        each = zip(found, adjusted.residuals, strict=True)
+        residuals = {image.name: part[:, ~np.isnan(part[0])] for image, part in each}
     detail = f"{format_count(n_missed, 'image')} without: they are the first below." if n_missed else ""
     return Page(
-        title=f"Corners of {found.board.name} in {format_count(len(found.images), 'image')}",
+        title=f"Corners of {board} in {format_count(len(images), 'image')}",
         subtitle="Corners of a board in the images of a camera, for the identification of an arm.",
         summary=tuple(summary),
-        sections=(_images(found, residuals), _table(found, residuals)),
-        facts=(
-            ("board", found.board.name),
-            ("image", f"{found.size_px[0]} x {found.size_px[1]} px"),
-            ("assumed", " ".join(found.remarks) or "nothing"),
+        sections=(
+            _images(images, residuals, typical=1.0 if adjusted is None else adjusted.std_px),
+            _table(images, residuals, adjusted),
         ),
-        verdict=PageVerdict(found.summary(), state="doubtful" if n_missed else "none", detail=detail),
+        facts=(
+            ("board", board),
+            ("image", f"{size_px[0]} x {size_px[1]} px"),
+            ("assumed", " ".join(assumed) or "nothing"),
+        ),
+        verdict=PageVerdict(said, state="doubtful" if n_missed else "none", detail=detail),
     )
-
-
-def _residuals(found: CornersResult) -> dict[str, FloatArray]:
-    """(2, n) residuals of the corners of each image that has some [px]."""
-    if found.adjusted is None:
-        return {}
-    seen = [image for image in found.images if len(image.detection)]
-    return {image.name: part[:, ~np.isnan(part[0])] for image, part in zip(seen, found.adjusted.residuals, strict=True)}
 
 
 def _rms(residual: FloatArray | None) -> float | None:
     return None if residual is None else float(np.sqrt((residual**2).mean()))
 
 
-def _images(found: CornersResult, residuals: dict[str, FloatArray]) -> Section:
-    typical = found.adjusted.std_px if found.adjusted is not None else 1.0
-    worst = sorted(found.images, key=lambda one: (len(one.detection) > 0, -(_rms(residuals.get(one.name)) or 0.0)))
+def _images(images: Sequence[SeenImage], residuals: dict[str, FloatArray], *, typical: float) -> Section:
+    worst = sorted(images, key=lambda one: (len(one.detection) > 0, -(_rms(residuals.get(one.name)) or 0.0)))
     drawn = sorted(worst[:MOST_DRAWN], key=lambda one: (len(one.detection) > 0, one.reading))
     said = (
         f"Orange: the corners that were found. Blue: from each corner to where the board has it, "
         f"enlarged: {TYPICAL_LENGTH:g} px of the small image are {format_number(typical)} px of the camera."
     )
-    if len(drawn) < len(found.images):
-        said += f" {len(drawn)} of {len(found.images)} images are drawn, those with the largest residuals among them."
+    if len(drawn) < len(images):
+        said += f" {len(drawn)} of {len(images)} images are drawn, those with the largest residuals among them."
     with figure_style():
         panels = tuple(_panel(image, residuals.get(image.name), typical) for image in drawn)
     alt = f"{len(drawn)} small images with the corners of the board."
@@ -102,15 +123,15 @@ def _panel(image: SeenImage, residual: FloatArray | None, typical: float) -> Dra
     return drawing
 
 
-def _table(found: CornersResult, residuals: dict[str, FloatArray]) -> Section:
+def _table(images: Sequence[SeenImage], residuals: dict[str, FloatArray], adjusted: Adjustment | None) -> Section:
     poses = {}
-    if found.adjusted is not None:
-        for name, R, t in zip(residuals, found.adjusted.R, found.adjusted.t, strict=True):
+    if adjusted is not None:
+        for name, R, t in zip(residuals, adjusted.R, adjusted.t, strict=True):
             sight = t / np.linalg.norm(t)
             poses[name] = float(np.linalg.norm(t)), float(np.degrees(np.arccos(min(1.0, abs(R[:, 2] @ sight)))))
 
     def rows() -> Iterator[tuple[Cell, ...]]:
-        for image in found.images:
+        for image in images:
             residual = residuals.get(image.name)
             largest = None if residual is None else float(np.hypot(*residual).max())
             distance, tilt = poses.get(image.name, (None, None))
@@ -124,5 +145,5 @@ def _table(found: CornersResult, residuals: dict[str, FloatArray]) -> Section:
         "Every image. Distance and tilt are those of the board from the camera; the focal length is found from the "
         "images unless the camera is stated."
     )
-    states: tuple[State, ...] = tuple("doubtful" if image.detection.problem else "none" for image in found.images)
+    states: tuple[State, ...] = tuple("doubtful" if image.detection.problem else "none" for image in images)
     return Section("Image by image", tables=(Table(columns, tuple(rows()), caption, states=states),))

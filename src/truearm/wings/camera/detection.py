@@ -63,6 +63,30 @@ class Detection:
         return len(self.corners)
 
 
+@dataclass(frozen=True, eq=False)
+class SeenImage:
+    """An image and what was found in it.
+
+    Attributes
+    ----------
+    reading : int
+        Number of the reading, counted from 1.
+    name : str
+        Of the file.
+    detection : Detection
+    small : (h, w) array
+        The image, reduced by a whole number.
+    shrink : int
+        That number.
+    """
+
+    reading: int
+    name: str
+    detection: Detection
+    small: Image
+    shrink: int
+
+
 class Detector:
     """Finds a board in images.
 

@@ -17,42 +17,19 @@ from truearm.verbs.outputs import check_output
 from truearm.verbs.record import Record
 from truearm.verbs.sentences import number_of
 from truearm.wings.camera.boards import Board, named_board
-from truearm.wings.camera.detection import Detection, Detector, Image
+from truearm.wings.camera.detection import Detection, Detector, Image, SeenImage
 from truearm.wings.camera.image_files import images_of_readings, list_images, read_image
 from truearm.wings.camera.lenses import Lens, read_camera
 from truearm.wings.camera.observations import PixelObservations
 
 if TYPE_CHECKING:
+    from truearm.pages.page import Page
     from truearm.wings.camera.images import Adjustment
 
 # Images that the text lists with their problem.
 LISTED = 5
 # Width of the small images of the page [px].
 THUMBNAIL_PX = 256
-
-
-@dataclass(frozen=True, eq=False)
-class SeenImage:
-    """An image and what was found in it.
-
-    Attributes
-    ----------
-    reading : int
-        Number of the reading, counted from 1.
-    name : str
-        Of the file.
-    detection : Detection
-    small : (h, w) array
-        The image, reduced by a whole number.
-    shrink : int
-        That number.
-    """
-
-    reading: int
-    name: str
-    detection: Detection
-    small: Image
-    shrink: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,9 +107,21 @@ class CornersResult(Record):
     def save_page(self, path: str | Path) -> None:
         """Write a page that shows the images with their corners and residuals."""
         from truearm.pages.html import write_page
+
+        write_page(self.page(), path)
+
+    def page(self) -> Page:
+        """The page that `save_page` writes."""
         from truearm.wings.camera.corners_page import corners_page
 
-        write_page(corners_page(self), path)
+        return corners_page(
+            self.images,
+            self.adjusted,
+            board=self.board.name,
+            size_px=self.size_px,
+            said=self.summary(),
+            assumed=self.remarks,
+        )
 
     def summary(self) -> str:
         """The answer in one sentence: how many corners in how many images."""

@@ -9,7 +9,6 @@ from PIL import Image
 import truearm as ta
 from truearm.errors import InputError
 from truearm.pages.html import render
-from truearm.wings.camera.corners_page import corners_page
 from truearm.wings.camera.lenses import camera_yaml
 from truearm.wings.camera.observations import read_pixels
 
@@ -60,7 +59,7 @@ def test_what_is_found_has_a_table_a_text_and_a_page(found, tmp_path):
     text = str(found)
     assert f"in {N} of {N} images" in text
     assert "about the poses of the board that fit best" in text
-    page = render(corners_page(found))
+    page = render(found.page())
     for image in found.images:
         assert image.name in page
     assert found.to_dict()["n_found"] == N
@@ -85,7 +84,7 @@ def test_images_without_a_board_are_named_and_the_others_used(cell, folder, tmp_
     found = ta.find_corners(folder / "joints.csv", images, board=cell.board)
     assert found.n_found == N - 1
     assert f"{cell.image_names()[2]} (reading 3) is not used: no board found" in str(found)
-    assert "without: they are the first below" in render(corners_page(found))
+    assert "without: they are the first below" in render(found.page())
     for name in cell.image_names()[:2]:
         Image.fromarray(np.full((512, 640), 120, np.uint8)).save(images / name)
     with pytest.raises(InputError, match=r"2 images of 5 show board .*, expected 4: image_1.png, no board found"):
