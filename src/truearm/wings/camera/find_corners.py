@@ -146,7 +146,7 @@ class CornersResult(Record):
             )
         partial = sum(0 < len(image.detection) < len(self.board) for image in self.images)
         if partial:
-            yield f"{number_of(partial, 'image')} of these show{'s' * (partial == 1)} a part of the board only."
+            yield f"{partial} of these images show{'s' * (partial == 1)} a part of the board only."
         missed = [image for image in self.images if image.detection.problem]
         for image in missed[:LISTED]:
             yield f"{image.name} (reading {image.reading}) is not used: {image.detection.problem}."
