@@ -367,23 +367,14 @@ def test_a_broken_file_is_refused_with_its_name_and_the_reason(tmp_path, case):
     assert refuses(message, read_urdf, path).file == path
 
 
-def test_the_line_of_a_wrong_number_is_named(tmp_path):
-    text = hinge('\n\n<origin xyz="1 2"/>')
-    refuses("line 3: the origin", read_urdf, write(tmp_path, text))
-
-
-def test_a_loop_is_refused_when_base_and_tip_are_given(tmp_path):
-    text = robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a"))
-    refuses("form a loop", read_urdf, write(tmp_path, text), base="c", tip="a")
-
-
-def test_links_that_are_not_there_or_not_in_line_are_named(tmp_path):
+def test_numbers_loops_links_and_files_that_cannot_be_are_refused(tmp_path):
+    refuses("line 3: the origin", read_urdf, write(tmp_path, hinge('\n\n<origin xyz="1 2"/>')))
+    loop = write(tmp_path, robot(joint("q", "fixed", "a", "b"), joint("p", "fixed", "b", "a")))
+    refuses("form a loop", read_urdf, loop, base="c", tip="a")
     path = write(tmp_path, robot(TURN, joint("p", "fixed", "a", "c")))
     refuses(r"no link 'x'\. Try: use one of a, b, c", read_urdf, path, tip="x")
     refuses("'c' is not connected to 'b', but to 'a'", read_urdf, path, base="b", tip="c")
-
-
-def test_missing_and_oversized_files_and_folders_are_named(tmp_path):
+    refuses("starts with <robot>", read_urdf, write(tmp_path, "<a>" * 200_000 + "</a>" * 200_000))
     refuses("does not exist", read_urdf, tmp_path / "none.urdf")
     refuses("got a folder", read_urdf, tmp_path)
     refuses("larger than 5 MB", read_urdf, write(tmp_path, b" " * (MAX_BYTES + 1)))
@@ -394,7 +385,3 @@ def test_many_links_take_no_longer_than_their_number(tmp_path):
     n = 20_000
     rows = (joint(f"j{i}", "fixed", f"l{i}", f"l{i + 1}") for i in range(n))
     refuses("no moving joint", read_urdf, write(tmp_path, robot(*rows, links=" ".join(f"l{i}" for i in range(n + 1)))))
-
-
-def test_deep_nesting_does_no_harm(tmp_path):
-    refuses("starts with <robot>", read_urdf, write(tmp_path, "<a>" * 200_000 + "</a>" * 200_000))

@@ -331,19 +331,11 @@ def test_large_intermediate_values_are_refused(tmp_path):
     refused(hostile(nodes, constants=constants), tmp_path, "intermediate values")
 
 
-def test_another_number_of_joints_is_refused(planted):
+def test_inputs_that_do_not_fit_are_refused(planted):
     model, path = planted
     n = model.arm_.n_joints + 1
     refuses(rf"\(n, {n - 1}\), got \(1, {n}\)", onnx_graph.tips, path, np.zeros((1, n)))
-
-
-def test_points_that_are_not_finite_are_refused(planted):
-    model, path = planted
-    refuses("finite tips", onnx_graph.tips, path, np.full((1, model.arm_.n_joints), np.nan))
-
-
-def test_an_unknown_input_is_refused(planted):
-    model, path = planted
+    refuses("finite tips", onnx_graph.tips, path, np.full((1, n - 1), np.nan))
     refuses("does not run", onnx_graph.tips, path, angles_of(model.arm_, 1), wind=np.zeros(1))
 
 

@@ -107,11 +107,6 @@ def test_a_table_that_is_ambiguous_or_incomplete_is_refused(columns, message, tm
     assert refuses(message, read_targets, path).file == path
 
 
-def test_a_reflection_is_no_rotation():
-    mirror = {f"r{i}{j}": [float(i == j)] * 2 for i in range(1, 4) for j in range(1, 4)} | {"r33": [-1.0, -1.0]}
-    refuses("expected a rotation matrix", targets_from_frame, pd.DataFrame({**JOINTS, **XYZ, **mirror}))
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -131,14 +126,13 @@ def test_a_broken_file_is_refused_with_its_place(text, message, tmp_path):
     refuses(message, read_targets, path)
 
 
-def test_names_of_columns_are_text():
+def test_names_that_are_no_text_a_reflection_and_a_second_start_are_refused():
     refuses("names of columns", targets_from_frame, pd.DataFrame(np.zeros((1, 6))))
+    refuses("start joints are given twice", targets_from_frame, pd.DataFrame({**JOINTS, **XYZ}), start=np.zeros(6))
+    mirror = {f"r{i}{j}": [float(i == j)] * 2 for i in range(1, 4) for j in range(1, 4)} | {"r33": [-1.0, -1.0]}
+    refuses("expected a rotation matrix", targets_from_frame, pd.DataFrame({**JOINTS, **XYZ, **mirror}))
 
 
 @pytest.mark.parametrize("start", ["a", [np.nan] * 6, np.zeros((2, 6)), [[1.0], [1.0, 2.0]]])
 def test_start_joints_are_finite_numbers(start):
     refuses("expected start joints as finite numbers", targets_from_frame, pd.DataFrame(XYZ), start=start)
-
-
-def test_start_twice_is_refused():
-    refuses("start joints are given twice", targets_from_frame, pd.DataFrame({**JOINTS, **XYZ}), start=np.zeros(6))

@@ -280,7 +280,8 @@ def test_a_plan_says_its_radii(tmp_path):
     refuses("uncertainty of a coordinate", ta.plan_circles, 5, noise_mm=0.0)
 
 
-def test_an_arc_that_is_too_short_for_its_noise_is_named(circles):
+def test_an_arc_that_is_too_short_for_its_noise_and_a_session_without_points_are_refused(circles):
+    refuses("points of circles", ta.arm_from_circles, ta.Session(circles[1].angles))
     chain, stand = circles[0], load_arm("gao2017").working
     refused(swept(chain, stand, 1, points=6, arc_deg=12, noise_mm=1.0), "is uncertain by")
 
@@ -306,10 +307,6 @@ def test_a_gain_is_said_and_an_implausible_one_refused(gain, is_refused):
     else:
         (said,) = ta.arm_from_circles(turned).remarks
         assert said.startswith("J3 moves by 1.005 times")
-
-
-def test_points_are_needed(circles):
-    refuses("points of circles", ta.arm_from_circles, ta.Session(circles[1].angles))
 
 
 def test_constants_near_round_values_are_named_and_kept():
