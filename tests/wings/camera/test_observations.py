@@ -1,10 +1,12 @@
 """The table of pixels: back the same, and its faults by line and column."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.wings.camera.observations import PixelObservations, read_pixels
+from truearm.wings.camera.observations import PixelObservations, check_size_is_known, read_pixels
 
 TABLE = """reading,image,camera,board,corner,u_px,v_px
 1,a.png,camera,"charuco:8x11,15mm,11mm",0,100.5,200.25
@@ -60,3 +62,20 @@ def test_rows_beyond_the_joints_table_are_refused(tmp_path):
     read_pixels(file).check_readings(3)
     with pytest.raises(InputError, match="expected readings 1 to 2, the rows of the joints table, got 3"):
         read_pixels(file).check_readings(2)
+
+
+def test_the_size_of_the_images_is_kept_and_is_needed_for_a_camera_file(tmp_path):
+    plain, sized, other = tmp_path / "plain.csv", tmp_path / "sized.csv", tmp_path / "other.csv"
+    plain.write_text(TABLE)
+    with pytest.raises(InputError, match="the size of the images is not stated"):
+        check_size_is_known(plain)
+    replace(read_pixels(plain), size_px=(1280, 1024)).save(sized)
+    check_size_is_known(sized)
+    read = read_pixels(sized)
+    assert read.size_px == read.of_image("b.png").size_px == PixelObservations.joined([read]).size_px == (1280, 1024)
+    other.write_text(sized.read_text().replace(",1024\n3", ",1025\n3"))
+    with pytest.raises(InputError, match="column 'height_px': expected one size of all images, got 1025"):
+        read_pixels(other)
+    other.write_text(sized.read_text().replace("height_px", "note"))
+    with pytest.raises(InputError, match="the column height_px is missing"):
+        read_pixels(other)

@@ -66,6 +66,7 @@ class CornersResult(Record):
                 np.full(n, self.board.name),
                 image.detection.corners,
                 image.detection.pixels,
+                size_px=self.size_px,
             )
             for image in self.images
             if (n := len(image.detection))

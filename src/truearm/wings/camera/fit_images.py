@@ -232,8 +232,8 @@ def images_of(
     if lens is None:
         if not board.is_flat:
             raise InputError("a board that is not flat needs the camera's intrinsics", hint="state the camera's file")
-        size = np.ceil(np.nanmax(pixels, axis=(0, 2))).astype(int) + 1
-        lens = guess_lens(corners, pixels[shows], size.tolist())
+        size = seen.size_px or (np.ceil(np.nanmax(pixels, axis=(0, 2))).astype(int) + 1).tolist()
+        lens = guess_lens(corners, pixels[shows], size)
     u = np.full(len(lens.intrinsics), np.inf if u_camera_px is None else u_camera_px)
     if u_camera_px:
         u[4:] = np.inf

@@ -43,10 +43,14 @@ def fit_images(
     --u-camera 0 keeps them. The board's size is known to 0.2 %, as printers print; u=0.05% behind the board states
     another uncertainty.
     """
+    from truearm.wings.camera.observations import check_size_is_known
+
     files = session, pixels, camera, given["lengths"]
     check_model_output(out, None, *files, force=force)
     if camera_out is not None:
         check_new_output(camera_out, *files, out, force=force, endings=(".yaml",))
+        if camera is None:
+            check_size_is_known(pixels)
     with progress("fitting images", total=4 if model == "auto" else None) as report:
         result = verb(arm, session, pixels, board=board, camera=camera, model=model, **given, progress=report)
         check_model_output(out, result.fitted.model.arm_, force=force)

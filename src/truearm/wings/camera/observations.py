@@ -19,6 +19,7 @@ from truearm.wings.camera.boards import whole_numbers
 from truearm.wings.camera.lenses import LARGEST_PX
 
 NUMBERS = ("reading", "corner", "u_px", "v_px")
+SIZE = ("width_px", "height_px")
 NAMES = ("image", "camera", "board")
 FIELDS = ("reading", *NAMES, "corner", "pixels")
 
@@ -41,6 +42,8 @@ class PixelObservations:
         Column u to the right and row v down [px]; the centre of the first pixel is at (0, 0).
     file : Path or None
         Where they were read from, named in messages.
+    size_px : (int, int) or None
+        Width and height of the images, if known.
 
     Raises
     ------
@@ -56,6 +59,7 @@ class PixelObservations:
     corner: IntArray
     pixels: FloatArray
     file: Path | None = None
+    size_px: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         for name in ("reading", "corner", *NAMES):
@@ -90,7 +94,7 @@ class PixelObservations:
     def joined(cls, parts: Sequence[PixelObservations]) -> PixelObservations:
         """The rows of several observations."""
         columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS}
-        return cls(**columns)
+        return cls(**columns, size_px=parts[0].size_px if parts else None)
 
     def check_readings(self, n: int) -> None:
         """Check that the rows are of `n` readings.
@@ -106,6 +110,7 @@ class PixelObservations:
         """Write the table; the file appears whole or not at all."""
         columns = {name: getattr(self, name) for name in ("reading", *NAMES, "corner")}
         columns |= {name: np.round(self.pixels[:, k], 4) for k, name in enumerate(("u_px", "v_px"))}
+        columns |= {name: np.full(len(self), size) for name, size in zip(SIZE, self.size_px or (), strict=False)}
         with atomic_file(path, read=read_pixels) as part:
             write_columns(part, columns)
 
@@ -146,7 +151,8 @@ def read_pixels(path: str | Path) -> PixelObservations:
     """Read a table of pixels, of `truearm corners` or of another detector.
 
     Needed are reading, corner, u_px and v_px, and an image or a board where there are several: without the column
-    ``image`` each reading is one, without ``camera`` there is one, and without ``board`` there is one.
+    ``image`` each reading is one, without ``camera`` there is one, and without ``board`` there is one. The size of the
+    images is in the columns width_px and height_px, where it is known.
 
     Raises
     ------
@@ -156,13 +162,39 @@ def read_pixels(path: str | Path) -> PixelObservations:
     path = Path(path)
     check_readable(path, limit_bytes=MAX_BYTES)
     sheet = read_form(path)
-    check_names(sheet, NUMBERS, NAMES)
+    has_size = any(name in sheet.names for name in SIZE)
+    numeric = (*NUMBERS, *SIZE) if has_size else NUMBERS
+    check_names(sheet, numeric, NAMES if has_size else (*NAMES, *SIZE))
     words = [name for name in NAMES if name in sheet.names]
-    places = [[sheet.names.index(name) for name in group] for group in (NUMBERS, words)]
+    places = [[sheet.names.index(name) for name in group] for group in (numeric, words)]
     numbers, texts = read_columns(sheet, places[0], places[1])
     names = dict(zip(words, texts, strict=True))
     reading = whole_numbers(numbers[:, 0], "reading", sheet.error)
     corner = whole_numbers(numbers[:, 1], "corner", sheet.error)
+    size_px = None
+    if has_size:
+        sizes = [whole_numbers(numbers[:, 4 + k], name, sheet.error) for k, name in enumerate(SIZE)]
+        for name, values in zip(SIZE, sizes, strict=True):
+            if (others := np.flatnonzero(values != values[0])).size or not 0 < values[0] <= LARGEST_PX:
+                row = int(others[0]) if others.size else 0
+                raise sheet.error(f"expected one size of all images, got {values[row]}", row, column=name)
+        size_px = int(sizes[0][0]), int(sizes[1][0])
     image = names.get("image", np.char.add("reading ", reading.astype(np.str_)))
     camera, board = (names.get(name, np.full(len(reading), name)) for name in ("camera", "board"))
-    return PixelObservations(reading, image, camera, board, corner, numbers[:, 2:], path)
+    return PixelObservations(reading, image, camera, board, corner, numbers[:, 2:4], path, size_px)
+
+
+def check_size_is_known(path: str | Path) -> None:
+    """Check that a table of pixels states the size of the images, which a camera's file needs.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    if read_pixels(path).size_px is None:
+        raise InputError(
+            "the size of the images is not stated, and a camera's file needs it",
+            file=Path(path),
+            hint=f"add the columns {' and '.join(SIZE)}, or state the camera with --camera",
+        )

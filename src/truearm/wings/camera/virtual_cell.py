@@ -6,7 +6,7 @@ board stands.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -158,7 +158,7 @@ class VirtualCell:
     def table(self, n: int, *, seed: int, std_px: float = 0.2) -> tuple[Session, PixelObservations]:
         """Joints and corners of images at n poses, as people have them."""
         seen = self.measure(n, seed=seed, std_px=std_px)
-        return seen.readings, table_of(seen.pixels, self.board)
+        return seen.readings, replace(table_of(seen.pixels, self.board), size_px=(self.lens.width, self.lens.height))
 
     def measure(self, n: int, *, seed: int, std_px: float) -> Seen:
         """Images at n poses: what the arm reads, and pixels with noise."""
