@@ -382,9 +382,11 @@ def identify_physical(
     terms, skipped = candidate_terms(readings.state, free=readings.free, highest=highest)
     terms += [*further, *day_to_day_terms(readings.arm.chain, readings.frames)]
     start = Start(_weights_without(readings, known))
-    if readings.robust and not has_constants:
+    if has_constants:
+        start = Start(start.weights, known[-1])
+    elif readings.robust:
         start = _from_constants(readings, start)
-    if (simpler := start.arm or (known[-1] if has_constants else None)) is not None:
+    if (simpler := start.arm) is not None:
         # What a joint bends by its torque looks like a gain where it leans from upright.
         compliance = (term for term in terms if term.group == JOINT_COMPLIANCE)
         absorbed = [*constants(readings.state.chain, free=readings.free), *compliance]

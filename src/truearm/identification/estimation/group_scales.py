@@ -20,9 +20,9 @@ from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, Posteri
 from truearm.solve.low_rank import LowRankPosterior
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Rounds of the evidence on one linearisation: so many at least and at most, and between as many as cost less than it.
-# With p coefficients one costs about as much as the products of so many times p residuals.
-LEAST_SCALE_ROUNDS, MOST_SCALE_ROUNDS, RESIDUALS_OF_A_ROUND = 2, 20, 20
+# Rounds of the evidence on one linearisation, at most, of as many as cost less than it: with p coefficients one costs
+# about as much as the products of so many times p residuals, and a linearisation never less than that of so many.
+MOST_SCALE_ROUNDS, RESIDUALS_OF_A_ROUND, LEAST_RESIDUALS = 20, 20, 10_000
 # Scales have converged when none changes by a larger share; a scale is known to some tens of per cent at best.
 SETTLED_SCALES = 1e-2
 # Groups of fewer effective parameters are not considered for that.
@@ -125,10 +125,14 @@ class WeighedEvidence(NamedTuple):
     effective: FloatArray
 
 
-def scale_rounds(n_coefficients: int, n_residuals: int, *, is_calm: bool) -> int:
-    """Rounds of the evidence on a linearisation: one while the noise still changes, as the scales follow it."""
-    affordable = n_residuals // (RESIDUALS_OF_A_ROUND * max(n_coefficients, 1))
-    return min(max(affordable, LEAST_SCALE_ROUNDS), MOST_SCALE_ROUNDS) if is_calm else 1
+def scale_rounds(n_coefficients: int, n_residuals: int, *, is_first: bool, is_calm: bool) -> int:
+    """Rounds of the evidence on a linearisation, before its step.
+
+    No more than one while the noise still changes, as the scales follow it from one linearisation to the next; but one
+    at first, where all groups are as large as arms may have them, and would explain noise.
+    """
+    affordable = max(n_residuals, LEAST_RESIDUALS) // (RESIDUALS_OF_A_ROUND * max(n_coefficients, 1))
+    return min(max(affordable, int(is_first or is_calm)), MOST_SCALE_ROUNDS if is_calm else 1)
 
 
 def weigh_evidence(

@@ -199,7 +199,8 @@ class Rounds:
         if self.calm and not self._was_calm:
             self.prior = without_invisible(self.prior, whole.diagonal, self.n_residuals)
         prunable = self._fast if self.calm >= 2 else np.zeros_like(self._fast)
-        rounds = scale_rounds(len(reduced.kept), self.n_residuals, is_calm=self.calm >= 1)
+        first, calm = not self._moved_by, self.calm >= 1
+        rounds = scale_rounds(len(reduced.kept), self.n_residuals, is_first=first, is_calm=calm)
         return weigh_evidence(equations, reduced.kept, self.prior, prunable, rounds=rounds)
 
     def _take(self, step: FloatArray, along: FloatArray, x: FloatArray, n_determined: float) -> float:

@@ -57,7 +57,7 @@ class Basis:
     @property
     def n_functions(self) -> int:
         """Number of functions."""
-        return len(self.labels())
+        return len(self._functions)
 
     def labels(self) -> tuple[str, ...]:
         """Return the name of every function; by default its expression in words."""
