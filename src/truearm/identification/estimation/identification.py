@@ -127,7 +127,7 @@ def identify(
     prior, groups = grouped_prior(terms, len(unknowns))
     sampled = None
     if start is None or len(start.coefficients) < LEAST_KNOWN * perturbed_chain.n_coefficients:
-        sampled = _start_by_sample(chain, state, terms, references, reading_weights, robust=robust)
+        sampled = _start_by_sample(chain, state, terms, references, reading_weights, start, robust=robust)
         start = start if sampled is None else sampled
     if start is not None:
         x, prior = started_at(start, perturbed_chain, prior, groups)
@@ -174,6 +174,7 @@ def _start_by_sample(
     terms: Sequence[Term],
     references: Sequence[Reference],
     reading_weights: FloatArray | None,
+    start: IdentificationResult | None,
     *,
     robust: bool,
 ) -> IdentificationResult | None:
@@ -196,6 +197,7 @@ def _start_by_sample(
         [replace(points.select(chosen), rows=np.arange(n_sample))],
         robust=robust,
         reading_weights=None if reading_weights is None else reading_weights[rows],
+        start=start,
     )
 
 

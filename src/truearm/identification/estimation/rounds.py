@@ -35,8 +35,9 @@ from truearm.solve.group_evidence import GroupedEquations, GroupedPrior
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# The last step moves tips by a smaller share of their uncertainty; the noise is calm when it changes by less.
-SETTLED_STEP = 0.05
+# The last step moves tips by a smaller share of their uncertainty, or the next would by such a one: root mean squares,
+# of which that of a single reading is some ten times at most. The noise is calm when it changes by less.
+SETTLED_STEP, SETTLED_NEXT = 0.05, 0.005
 CALM_NOISE, SAME_NOISE = 0.05, 1e-4
 LEAST_NOISE = 1e-30
 # Steps that lead back are shortened unless each is this much smaller than the one before.
@@ -181,11 +182,12 @@ class Rounds:
         if x[~self.prior.active].any():
             x = np.where(self.prior.active, x, 0.0)
             self._residuals = problem.residuals(x)
-        step = reduced.step(found.posterior.x - x[reduced.kept])
+        step, before = reduced.step(found.posterior.x - x[reduced.kept]), self._moved_by
         moved_by = self._take(step, whole.times(step), x, reduced.n_determined)
         with one_blas_thread():
             self._per_reference = _effective_numbers(reduced, parts, found)
-        self.converged = bool(is_exact and self.calm >= 2 and moved_by < SETTLED_STEP)
+        is_small = moved_by < SETTLED_STEP or (before > 0 and moved_by**2 / before < SETTLED_NEXT)
+        self.converged = bool(is_exact and self.calm >= 2 and is_small)
         if self.calm >= 2:  # groups were pruned
             self.some = None
         if not self.converged:

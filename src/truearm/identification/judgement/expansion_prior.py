@@ -26,10 +26,8 @@ tip moves by them where they differ.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -48,7 +46,7 @@ from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 # By how much links may be behind the thermometer, root mean square over a session [K].
 LAG_K = 1.0
@@ -64,59 +62,91 @@ ROUNDING = 1e-9
 LEAST_WEIGHT = 1e-6
 
 
-class _Hypothesis(NamedTuple):
-    """A material and a history of the links, with their weight by evidence.
-
-    `causes` (q, n) are what independent causes do: to the other coefficients, to the growth c of each link, and to
-    ``-c (temperature - 20 degC)``; the readings left them the mean (n,) and the covariance (n, n). `rest` is the
-    covariance of the latter two that no reading shows, `drift` (n_others, k) what causes of variance one do beside.
-    """
-
-    weight: float
-    causes: FloatArray
-    mean: FloatArray
-    covariance: FloatArray
-    rest: FloatArray
-    drift: FloatArray
-    warmer: float
-
-
 @dataclass(frozen=True, eq=False)
 class _Mixture:
-    """Moments over hypotheses, of what their causes do."""
+    """Moments over k hypotheses, each a material and a history of the links, of what independent causes do.
 
-    hypotheses: list[_Hypothesis]
+    Attributes
+    ----------
+    weight : (k,) array
+        By evidence.
+    gains : list of (n_others, n) array
+        Change of the other coefficients by growth, of the histories that differ in it.
+    gain_of : (k,) int array
+        Which of these.
+    causes : (k, 3 n, n) array
+        What the causes do: to growth as training shows it, to the growth c of each link, and to
+        ``-c (temperature - 20 degC)``.
+    means, covariances : (k, n) and (k, n, n) arrays
+        Of the causes, as the readings left them.
+    rest : (k, 2 n, 2 n) array
+        Covariance of the latter two that no reading shows.
+    as_others : (n_others, d) array
+        What a drift of base and tip does to the other coefficients.
+    drifts : (k, d, courses) array
+        Drifts by causes of variance one.
+    warmer : (k,) array
+        Mean temperature of the links above 20 degC.
+    """
 
-    def average(self, values: Sequence[float] | Sequence[FloatArray]) -> FloatArray:
-        """Of values of each hypothesis, by its weight."""
-        return np.asarray(np.tensordot([one.weight for one in self.hypotheses], np.asarray(values), axes=1))
+    weight: FloatArray
+    gains: list[FloatArray]
+    gain_of: IntArray
+    causes: FloatArray
+    means: FloatArray
+    covariances: FloatArray
+    rest: FloatArray
+    as_others: FloatArray
+    drifts: FloatArray
+    warmer: FloatArray
 
     @property
     def mean(self) -> FloatArray:
-        """(q,) of all."""
-        return self.average([one.causes @ one.mean for one in self.hypotheses])
+        """(n_others + 2 n,) of the other coefficients and the latter two."""
+        mean, n = np.zeros(len(self.as_others) + 2 * self.means.shape[1]), self.means.shape[1]
+        for moved, weight, gain, _ in self._by_gain():
+            mean[: -2 * n] += gain @ (weight @ moved[:, :n])
+            mean[-2 * n :] += weight @ moved[:, n:]
+        return mean
 
     @property
     def mean_degC(self) -> float:
         """Mean temperature of the links."""
-        return REFERENCE_DEGC + float(self.average([one.warmer for one in self.hypotheses]))
+        return REFERENCE_DEGC + float(self.weight @ self.warmer)
 
     @property
     def effective(self) -> float:
         """Number of determined growths."""
-        return float(self.average([len(one.mean) - np.trace(one.covariance) for one in self.hypotheses]))
+        return float(self.weight @ (self.means.shape[1] - np.trace(self.covariances, axis1=1, axis2=2)))
 
     @property
     def covariance(self) -> FloatArray:
-        """(q, q) of all: a product of few columns."""
-        found, mean, n = self.hypotheses, self.mean, len(self.hypotheses[0].mean)
-        scatter = np.array([np.sqrt(one.weight) * (one.causes @ one.mean - mean) for one in found])
-        weighed = np.hstack([one.weight * one.causes @ one.covariance for one in found])
-        covariance = scatter.T @ scatter + weighed @ np.hstack([one.causes for one in found]).T
-        covariance[-2 * n :, -2 * n :] += self.average([one.rest for one in found])
-        by_drift = np.hstack([np.sqrt(one.weight) * one.drift for one in found])
-        covariance[: -2 * n, : -2 * n] += by_drift @ by_drift.T
+        """(n_others + 2 n, n_others + 2 n) likewise: a product of few columns."""
+        mean, n = self.mean, self.means.shape[1]
+        columns, weighed = [], []
+        for moved, weight, gain, of in self._by_gain():
+            along = np.zeros((len(mean), 3 * n))
+            along[: -2 * n, :n], along[-2 * n :, n:] = gain, np.eye(2 * n)
+            typical = weight @ moved / weight.sum()
+            about = moved - typical
+            small = np.einsum(
+                "k,kac,kcd,kbd->ab", weight, self.causes[of], self.covariances[of], self.causes[of], optimize=True
+            )
+            off = (along @ typical - mean)[:, None]
+            columns += [along, off]
+            weighed += [along @ (small + (about.T * weight) @ about), weight.sum() * off]
+        by_drift = np.einsum("k,kdc,kec->de", self.weight, self.drifts, self.drifts)
+        covariance = np.hstack(weighed) @ np.hstack(columns).T
+        covariance[-2 * n :, -2 * n :] += np.tensordot(self.weight, self.rest, axes=1)
+        covariance[: -2 * n, : -2 * n] += self.as_others @ by_drift @ self.as_others.T
         return np.asarray(covariance)
+
+    def _by_gain(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, BoolArray]]:
+        """Of each gain the mean motions by the causes, the weights, the gain, and which hypotheses have it."""
+        moved = np.einsum("kab,kb->ka", self.causes, self.means)
+        for number, gain in enumerate(self.gains):
+            if (of := self.gain_of == number).any():
+                yield moved[of], self.weight[of], gain, of
 
 
 def at_mean_temperature(state: ArmState) -> ArmState:
@@ -284,28 +314,39 @@ def _mixture(histories: Sequence[LinkHistory], widened: float = 1.0) -> _Mixture
     Where links changed by a share a of a history, training shows ``a c`` of the expansion c, of each link with some
     slack. Both are sums of independent causes, of which the readings determine some.
     """
-    n, logs = len(histories[0].right), []
-    found: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray, LinkHistory]] = []
-    for material, history in product(MATERIALS, histories):
-        prior = material.covariance(n)
-        half = np.asarray(np.linalg.cholesky(prior + history.slack**2 * np.diag(prior.diagonal())))
-        shown = history.share * half
-        matrix = shown.T @ history.information @ shown / widened + np.eye(n)
-        inverse, right = np.asarray(np.linalg.inv(matrix)), shown.T @ history.right / widened
-        logs.append(history.log_evidence + 0.5 * (right @ inverse @ right - np.linalg.slogdet(matrix)[1]))
-        found.append((prior, half, inverse, inverse @ right, history))
-    weights = np.exp(np.array(logs) - max(logs))
-    weights /= weights.sum()
-    likely = np.flatnonzero(weights > LEAST_WEIGHT).tolist()
-    return _Mixture([_hypothesis(float(weights[i]), *found[i]) for i in likely])
+    n, every = len(histories[0].right), len(MATERIALS) * list(histories)
 
+    def of_each(name: str) -> FloatArray:
+        return np.array([getattr(one, name) for one in every], dtype=float)
 
-def _hypothesis(
-    weight: float, prior: FloatArray, half: FloatArray, covariance: FloatArray, mean: FloatArray, history: LinkHistory
-) -> _Hypothesis:
-    shown, grown = history.share * half, np.asarray(np.linalg.solve(half, prior)).T
-    warmer = history.mean_degC - REFERENCE_DEGC
-    causes = np.vstack([history.gain @ shown, grown, -warmer * grown])
-    rest = np.kron([[1.0, -warmer], [-warmer, warmer**2]], prior - grown @ grown.T)
-    drift = history.as_others @ (history.drift @ [1.0, *(shown @ mean)]).reshape(-1, N_DRIFTS).T
-    return _Hypothesis(weight, causes, mean, covariance, rest, drift, warmer)
+    prior = np.repeat([material.covariance(n) for material in MATERIALS], len(histories), axis=0)
+    half = np.linalg.cholesky(prior + of_each("slack")[:, None, None] ** 2 * np.eye(n) * prior)
+    shown = of_each("share")[:, None, None] * half
+    across = shown.transpose(0, 2, 1)
+    matrix = across @ of_each("information") @ shown / widened + np.eye(n)
+    covariance = np.asarray(np.linalg.inv(matrix), dtype=float)
+    right = (across @ of_each("right")[:, :, None])[:, :, 0] / widened
+    mean = (covariance @ right[:, :, None])[:, :, 0]
+    logs = of_each("log_evidence") + 0.5 * ((right * mean).sum(axis=1) - np.linalg.slogdet(matrix)[1])
+    weight = np.exp(logs - logs.max())
+    weight /= weight.sum()
+    likely = np.flatnonzero(weight > LEAST_WEIGHT)
+    shown, mean, warmer = shown[likely], mean[likely], of_each("mean_degC")[likely] - REFERENCE_DEGC
+    grown = np.linalg.solve(half[likely], prior[likely]).transpose(0, 2, 1)
+    left = prior[likely] - grown @ grown.transpose(0, 2, 1)
+    sizes = np.array([[np.ones_like(warmer), -warmer], [-warmer, warmer**2]])
+    by_growth = np.concatenate([np.ones((len(likely), 1)), (shown @ mean[:, :, None])[:, :, 0]], axis=1)
+    drift = (of_each("drift")[likely] @ by_growth[:, :, None]).reshape(len(likely), -1, N_DRIFTS)
+    gains = {id(one.gain): one.gain for one in histories}
+    return _Mixture(
+        weight[likely],
+        list(gains.values()),
+        np.array([list(gains).index(id(every[i].gain)) for i in likely.tolist()]),
+        np.concatenate([shown, grown, -warmer[:, None, None] * grown], axis=1),
+        mean,
+        covariance[likely],
+        np.einsum("ijk,kab->kiajb", sizes, left).reshape(len(likely), 2 * n, 2 * n),
+        histories[0].as_others,
+        np.asarray(drift.transpose(0, 2, 1)),
+        warmer,
+    )

@@ -54,10 +54,10 @@ class Basis:
         for field, form in _forms(kind).items():
             object.__setattr__(self, field, form.settled(field, getattr(self, field)))
 
-    @property
+    @cached_property
     def n_functions(self) -> int:
         """Number of functions."""
-        return len(self._functions)
+        return len(self.labels())
 
     def labels(self) -> tuple[str, ...]:
         """Return the name of every function; by default its expression in words."""
