@@ -1,6 +1,7 @@
 """Growth of the links: a prior of materials, links behind the thermometer, and what readings did not show."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -51,6 +52,42 @@ def test_the_mixture_is_the_integral_over_the_growth_of_one_link():
     np.testing.assert_allclose(found.mean, [shows, mean, -mean], rtol=1e-6)
     np.testing.assert_allclose(found.covariance[1:, 1:], variance * np.array([[1, -1], [-1, 1]]), rtol=1e-6)
     assert found.covariance[0, 1] == pytest.approx((c * by_share).sum() / density.sum() - mean * shows, rel=1e-6)
+
+
+def test_hypotheses_together_have_the_moments_of_one_after_the_other():
+    """Of two gains, one of two histories, with drifts: sums over materials and histories, to rounding."""
+    rng, n, n_others = np.random.default_rng(2), 3, 5
+    gains, as_others = rng.normal(size=(2, n_others, n)), rng.normal(size=(n_others, N_DRIFTS))
+    root, right = rng.normal(size=(n, n)) * 1e5, rng.normal(size=n) * 1e5
+    drifts = rng.normal(size=(3, 2 * N_DRIFTS, 1 + n)) * 1e-6
+    known = zip((gains[0], gains[0], gains[1]), (0.4, 1.0, 0.8), (0.0, 0.2, 0.1), drifts, strict=True)
+    information = root @ root.T
+    histories = [
+        LinkHistory(information, right, gain, drift, as_others, 22.0 + share, share, slack, share)
+        for gain, share, slack, drift in known
+    ]
+    logs, means, seconds = [], [], []
+    for material, one in product(MATERIALS, histories):
+        prior = material.covariance(n)
+        half = np.linalg.cholesky(prior + one.slack**2 * np.diag(prior.diagonal()))
+        shown, grown, warmer = one.share * half, np.linalg.solve(half, prior).T, one.mean_degC - 20.0
+        matrix = shown.T @ information @ shown / 1.3 + np.eye(n)
+        mean, covariance = np.linalg.solve(matrix, shown.T @ right / 1.3), np.linalg.inv(matrix)
+        logs.append(one.log_evidence + 0.5 * (right @ shown @ mean / 1.3 - np.linalg.slogdet(matrix)[1]))
+        causes = np.vstack([one.gain @ shown, grown, -warmer * grown])
+        second = causes @ (covariance + np.outer(mean, mean)) @ causes.T
+        second[n_others:, n_others:] += np.kron([[1, -warmer], [-warmer, warmer**2]], prior - grown @ grown.T)
+        moved = as_others @ (one.drift @ [1.0, *(shown @ mean)]).reshape(-1, N_DRIFTS).T
+        second[:n_others, :n_others] += moved @ moved.T
+        means.append(causes @ mean)
+        seconds.append(second)
+    weights = np.exp(logs) / np.exp(logs).sum()
+    mean = weights @ np.array(means)
+    covariance = np.tensordot(weights, seconds, axes=1) - np.outer(mean, mean)
+    found = _mixture(histories, 1.3)
+    std = np.sqrt(covariance.diagonal())
+    np.testing.assert_allclose(found.mean / std, mean / std, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.covariance / np.outer(std, std), covariance / np.outer(std, std), atol=1e-9)
 
 
 def test_links_of_other_time_constants_leave_the_expansion_as_open_as_their_shares():
