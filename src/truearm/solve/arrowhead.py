@@ -54,6 +54,8 @@ class Arrowhead:
     @classmethod
     def combine(cls, parts: Sequence[Arrowhead]) -> Arrowhead:
         """The sum of parts with a common head and separate unknowns, in this order."""
+        if len(parts) == 1:
+            return cls(**vars(parts[0]))
         p = len(parts[0].head)
         return cls(
             sum(part.cost for part in parts),
@@ -92,6 +94,10 @@ class Arrowhead:
             Unknowns to keep with the head, for example the length of an artefact used in many places.
         """
         p = len(self.head)
+        if not len(shared):  # sparse matrices take milliseconds without a single entry
+            nothing, none = np.zeros(0), np.zeros(0, dtype=np.intp)
+            of_none = csr_array((0, 0)), np.zeros((0, p)), nothing, 0.0, 0.0
+            return SchurComplement(np.arange(p), none, self.head, self.gradient, self.head.diagonal(), *of_none)
         eliminated, stay = np.flatnonzero(~shared), np.flatnonzero(shared)
         kept = np.concatenate([np.arange(p), p + stay])
         gram, gradient = self.head, self.gradient[kept]

@@ -218,8 +218,11 @@ class SmallMotionProblem:
 
     def equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> tuple[list[Arrowhead], Arrowhead]:
         """Normal equations of every reference, and of all of them and their constraints together."""
-        parts, constraints = self.normal_equations(x, weights), self.constraints(x)
+        parts = self.normal_equations(x, weights)
         joined = Arrowhead.combine(parts)
+        if not joined.blocks.shape[0]:
+            return parts, joined
+        constraints = self.constraints(x)
         return parts, Arrowhead(
             joined.cost + constraints.cost,
             joined.gradient + constraints.gradient,

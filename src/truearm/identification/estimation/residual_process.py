@@ -171,7 +171,7 @@ def _information(
     couplings = [
         part.reshape(p, -1) for part in np.split(across, np.cumsum([len(value) for value in values])[:-1], axis=2)
     ]
-    taken_over = [times * covariance @ coupling for coupling in couplings]
+    taken_over = [times * (covariance @ coupling) for coupling in couplings]
     reduced = [
         times * (own.reshape(taken.shape[1], -1) - coupling.T @ taken)
         for own, coupling, taken in zip(information, couplings, taken_over, strict=True)
