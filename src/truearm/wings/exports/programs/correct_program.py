@@ -47,6 +47,7 @@ from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.manifest import MARKER
 
 MAX_BYTES = 64 * 2**20
+_PLACES = {name: place for place, name in enumerate(QUANTITIES)}
 # A model that equals the nominal arm changes joints by rounding: such a target keeps its bytes [rad].
 _UNCHANGED = 1e-9
 _MARK = re.compile(rb"truearm (command|feedback) ([0-9a-f]{8})")
@@ -256,22 +257,18 @@ class _Correction:
                 changes.append(TargetChange(target, numbers, tuple(edits), float(shifts[row]), after[row], before[row]))
         return changes, refused
 
-    def _quantities(self, joints: FloatArray, counted: FloatArray) -> list[dict[str, float]]:
-        """What configurations are stated by, of every target."""
-        chain = self.solver.model.arm_.chain
-        screws = Screws.of(chain)
-        if screws is None:
-            return [{}] * len(joints)
-        rows = quantities_of(screws, chain.joint_angles(joints), counted).tolist()
-        return [dict(zip(QUANTITIES, row, strict=True)) for row in rows]
+    def _quantities(self, joints: FloatArray, counted: FloatArray) -> list[list[float]]:
+        """What configurations are stated by, of every target, in the order of `QUANTITIES`."""
+        screws = Screws.of(self.solver.model.arm_.chain)
+        return [[]] * len(joints) if screws is None else quantities_of(screws, joints, counted).tolist()
 
-    def _configuration(self, target: Target, old: Mapping[str, float], new: Mapping[str, float]) -> tuple[Edit, ...]:
+    def _configuration(self, target: Target, old: Sequence[float], new: Sequence[float]) -> tuple[Edit, ...]:
         """Edits of the configuration, if a joint has crossed a border of it."""
-        crossed = any(
-            one.low <= old[one.quantity] <= one.high and not one.low <= new[one.quantity] <= one.high
-            for one in target.conditions
-        )
-        return tuple(self.solver.language.configuration(target, new)) if crossed else ()
+        for quantity, low, high in target.conditions:
+            at = _PLACES[quantity]
+            if low <= old[at] <= high and not low <= new[at] <= high:
+                return tuple(self.solver.language.configuration(target, dict(zip(QUANTITIES, new, strict=True))))
+        return ()
 
     def _marks(self) -> Iterator[Edit]:
         """The edit that says that the program is corrected, or that takes away that of the other direction."""

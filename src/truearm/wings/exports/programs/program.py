@@ -36,7 +36,7 @@ class Number(NamedTuple):
     @property
     def value(self) -> float:
         """What the bytes state."""
-        return float(self.text.replace(b" ", b"").replace(b"\t", b""))
+        return float(self.text.translate(None, b" \t"))
 
 
 class Edit(NamedTuple):

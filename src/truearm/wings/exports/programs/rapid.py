@@ -70,11 +70,7 @@ class _Token(NamedTuple):
     start: int
     end: int
     text: bytes
-
-    @property
-    def word(self) -> bytes:
-        """A keyword or name: the case does not count."""
-        return self.text.lower()
+    word: bytes  # of a keyword or name: the case does not count
 
 
 @dataclass(frozen=True)
@@ -551,7 +547,8 @@ def _tokens(data: bytes) -> Iterator[_Token]:
             at = _closed(data, start, at)
             kind = kind if at > start + 1 else "sign"
         if kind != "comment":
-            yield _Token(kind, start, at, data[start:at])
+            text = data[start:at]
+            yield _Token(kind, start, at, text, text.lower() if kind == "name" else text)
 
 
 def _closed(data: bytes, start: int, end: int) -> int:
