@@ -34,25 +34,30 @@ def new_numbers(language: Language, target: Target, values: Mapping[str, float])
     Numbers of one kind (position, orientation, joints) have the most decimals that one of them has in the program, and
     more where the change would be lost in the last digit, if the language takes them.
     """
-    groups: defaultdict[str, list[str]] = defaultdict(list)
-    for name in values:
-        groups[_kind_of(name)].append(name)
     found = {}
-    for names in groups.values():
-        old = [target.numbers[name] for name in names]
-        decimals = max(map(_decimals, old))
-        change = max(abs(values[name] - number.value) for name, number in zip(names, old, strict=True))
+    for names in _by_kind(tuple(values)):
+        before = [target.numbers[name] for name in names]
+        old, new = [number.value for number in before], [values[name] for name in names]
+        decimals = max(map(_decimals, before))
+        change = max(abs(one - other) for one, other in zip(old, new, strict=True))
         if change > 0:
             decimals = max(decimals, min(ceil(-log10(_DIGIT * change)), language.decimals))
-        for name in names:
-            number = target.numbers[name]
-            text = language.number_text(number, values[name], decimals)
-            if float(text) != number.value:
+        for name, number, was, value in zip(names, before, old, new, strict=True):
+            text = language.number_text(number, value, decimals)
+            if float(text) != was:
                 found[name] = text
     return found
 
 
 @cache
+def _by_kind(names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    """Names of numbers by position, orientation and joints."""
+    groups: defaultdict[str, list[str]] = defaultdict(list)
+    for name in names:
+        groups[_kind_of(name)].append(name)
+    return tuple(map(tuple, groups.values()))
+
+
 def _kind_of(name: str) -> str:
     if name.rpartition(".")[2] in ("x", "y", "z"):
         return name.rpartition(".")[0] + "position"
