@@ -136,6 +136,12 @@ def test_a_tool_in_the_text_counts_from_its_line_on():
     np.testing.assert_allclose(second.T_flange_tool[:3, 3], [0, 0, 120])
 
 
+def test_an_external_axis_that_moves_is_noted():
+    moving = JOINTS.replace("E1 0", "E1 250")
+    assert not read(source(f"PTP {JOINTS}\nPTP {JOINTS}")).notes
+    assert "External axis 1 moves between targets" in read(source(f"PTP {JOINTS}\nPTP {moving}")).notes[0]
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

@@ -220,6 +220,13 @@ def test_shifts_at_run_time_are_noted():
     assert "PDispOn in line 3 shifts targets" in program.notes[0]
 
 
+def test_an_external_axis_that_moves_is_noted():
+    rows = [JOINTS.replace(NONE, f"[{one},9E9,9E9,9E9,9E9,9E9]") for one in (0, 250)]
+    still, moving = (module(f"CONST jointtarget j{{2}}:=[{rows[0]},{rows[i]}];") for i in (0, 1))
+    assert not read(still).notes
+    assert "External axis 1 moves between targets" in read(moving).notes[0]
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

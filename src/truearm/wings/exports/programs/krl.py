@@ -34,6 +34,7 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
+    external_axes_note,
     line_end_of,
     transform,
 )
@@ -45,6 +46,7 @@ _MOVES: dict[bytes, MoveKind] = {
     **dict.fromkeys((b"CIRC", b"SCIRC"), "circular"),
 }
 _POSE, _JOINTS = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in range(1, 7))
+_EXTERNAL = tuple(f"E{i}" for i in range(1, 7))
 _TARGETS = (b"E6POS", b"POS", b"E6AXIS", b"AXIS")
 _LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|$)")
 _CODE = re.compile(rb'(?:[^";]|"[^"\r\n]*")*')
@@ -167,7 +169,11 @@ class _File:
                 numbers[key] = numbers[found[0] or key] = len(targets)
                 targets.append(target)
         moves = tuple(Move(number, kind, numbers.get(goal)) for number, kind, goal in self.moves)
-        return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
+        external = [
+            [value.numbers[name].value if name in value.numbers else 0.0 for name in _EXTERNAL]
+            for *_, value, _ in self.found
+        ]
+        return Program(self.data, tuple(targets), tuple(self.left), moves, (*self.notes, *external_axes_note(external)))
 
     def _check_ends(self) -> None:
         for begin, end in ((rb"DEFDAT", rb"ENDDAT"), (rb"DEF", rb"END"), (rb"DEFFCT", rb"ENDFCT")):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +22,8 @@ from truearm.arm import Chain
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.frames_file import FramesFile
+
+NOT_THERE = 8.9e9  # 9E9 of RAPID: no such axis
 
 MoveKind = Literal["joint", "linear", "circular"]
 
@@ -283,6 +285,17 @@ def line_end_of(data: bytes) -> bytes:
     """The line end that a program uses first."""
     found = re.search(rb"\r\n|\n|\r", data)
     return b"\n" if found is None else found[0]
+
+
+def external_axes_note(rows: Iterable[Sequence[float]]) -> Iterator[str]:
+    """A note where external axes move between targets; `rows` have an axis' value, or 9E9, in every column."""
+    there = [{value for value in axis if abs(value) < NOT_THERE} for axis in zip(*rows, strict=True)]
+    moving = [str(number) for number, values in enumerate(there, 1) if len(values) > 1]
+    if moving:
+        yield (
+            f"External axis {', '.join(moving)} moves between targets: if it carries the robot (a rail), the base "
+            "moves with it, and the corrections of Cartesian targets are wrong."
+        )
 
 
 def transform(R: FloatArray, position_mm: npt.ArrayLike) -> FloatArray:

@@ -21,6 +21,7 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
+    NOT_THERE,
     Condition,
     Edit,
     Language,
@@ -31,6 +32,7 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
+    external_axes_note,
     line_end_of,
     line_of,
     transform,
@@ -60,7 +62,6 @@ _PARTS = {
     b"robtarget": ("x", "y", "z", "q1", "q2", "q3", "q4", "cf1", "cf4", "cf6", "cfx"),
     b"jointtarget": tuple(f"j{i}" for i in range(1, 7)),
 }
-_NOT_THERE = 8.9e9  # 9E9: no such axis
 _UNIT = 1e-2  # quaternions that controllers write have a length of 1 within 1e-3
 _QUADRANT = 90.0
 
@@ -162,6 +163,7 @@ class _Module:
         self.left: list[LeftAlone] = []
         self.moves: list[tuple[int, MoveKind, bytes | int | None]] = []
         self.notes: list[str] = []
+        self.external: list[list[float]] = []
         self.resolved: dict[tuple[str, bytes], _Frame] = {}
 
     def program(self) -> Program:
@@ -177,7 +179,9 @@ class _Module:
                 numbers[key] = numbers[found.name.encode("latin-1").lower()] = len(targets)
                 targets.append(target)
         moves = tuple(Move(line, kind, numbers.get(goal)) for line, kind, goal in self.moves)
-        return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
+        return Program(
+            self.data, tuple(targets), tuple(self.left), moves, (*self.notes, *external_axes_note(self.external))
+        )
 
     def _check_ends(self) -> None:
         words = [token.word for token in self.tokens if token.kind == "name"]
@@ -320,6 +324,7 @@ class _Module:
             return None
         flat = [one for item in value.items if isinstance(item, _List) for one in item.items]
         numbers = {part: one for part, one in zip(_PARTS[kind], flat, strict=False) if isinstance(one, Number)}
+        self.external.append([one.value for one in flat[-6:] if isinstance(one, Number)])
         self.found.append(_Found(kind, name, line_of(self.data, value.start), numbers, uses))
         return len(self.found) - 1
 
@@ -455,7 +460,7 @@ class _Module:
         def left(reason: str) -> None:
             self.left.append(LeftAlone(line, name, reason, is_literal=True))
 
-        if max(map(abs, values.values())) > _NOT_THERE:
+        if max(map(abs, values.values())) > NOT_THERE:
             left("a placeholder (9E9)")
             return None
         if kind == b"jointtarget":
