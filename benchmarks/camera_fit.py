@@ -117,6 +117,21 @@ def arms(arms: tuple[str, ...] = ARMS, units: int = 3, images: int = 60, model: 
     )
 
 
+@ROWS.row("cost", quick={"units": 1, "images": 20})
+def cost(units: int = 3, images: int = 60) -> RowResult:
+    """CPU time of images with free intrinsics, from the pixels to the transforms, kinematic model."""
+    table = []
+    for name in ARMS:
+        found = [
+            Fitted.of(name, seed, images, in_hand=in_hand, model="kinematic").cpu_s
+            for seed in range(1, units + 1)
+            for in_hand in MODES.values()
+        ]
+        table.append({"arm": name, "median CPU [s]": round(float(np.median(found)), 2)})
+    most = max(row["median CPU [s]"] for row in table)
+    return RowResult(table, [Target(f"{images} images, intrinsics free, kinematic model, CPU [s]", most, 3.0)])
+
+
 @ROWS.row("coverage", quick={"units": 1, "images": 20})
 def coverage(units: int = 5, images: int = 60, model: str = "kinematic") -> RowResult:
     """Truth in the stated 95 % regions: tips at 200 new poses of every arm, and the pose of the camera."""
