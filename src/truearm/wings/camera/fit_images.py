@@ -319,7 +319,7 @@ def _size_findings(scale: float, u: float) -> Iterator[Finding]:
 class _Placed:
     """Images that belong to their poses, and the nominal arm with its tip: the board, or the point before the camera.
 
-    `contradiction` is what robot and camera contradict each other by, if they do: an arm whose joint zeros are far off
+    `contradiction` is what robot and camera contradict each other by, if they do: an arm with large joint offsets
     does so, and is right.
     """
 
