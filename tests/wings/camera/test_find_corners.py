@@ -51,6 +51,19 @@ def test_corners_of_a_simulation_are_where_the_board_is(cell, found):
     assert np.abs(np.median(miss, axis=0)).max() < 0.02
 
 
+@pytest.mark.parametrize("eye_in_hand", [False, True])
+def test_a_grid_of_tags_is_seen_from_its_front(eye_in_hand, tmp_path):
+    made = ta.simulate_images(
+        "ur5", poses=4, board="aprilgrid:4x3,40mm,12mm", eye_in_hand=eye_in_hand, seed=2, size_px=(640, 512)
+    )
+    made.save(tmp_path / "joints.csv")
+    found = ta.find_corners(tmp_path / "joints.csv", tmp_path / "joints-images", board=made.board)
+    exact = made.cell.project(made.seen.T_camera_board)
+    for row, image in enumerate(found.images):
+        miss = image.detection.pixels - exact[row][:, image.detection.corners].T
+        assert np.median(np.abs(miss)) < 0.4  # px: at 640 px a cell of a tag has three or four
+
+
 def test_what_is_found_has_a_table_a_text_and_a_page(found, tmp_path):
     found.save(tmp_path / "pixels.csv")
     read = read_pixels(tmp_path / "pixels.csv")

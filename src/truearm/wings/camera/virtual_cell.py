@@ -107,12 +107,18 @@ class VirtualCell:
         """(3,) Middle of the board's corners in its frame [mm]."""
         return middle_of(self.board.points)
 
+    @property
+    def _front(self) -> FloatArray:
+        """(4,) Signs of the columns of a pose: the y and z axes of an AprilTag grid point up and out of the board."""
+        return np.array([1.0, -1.0, -1.0, 1.0]) if self.board.kind == "aprilgrid" else np.ones(4)
+
     def T_camera_board(self, angles: FloatArray, motions: FloatArray | None = None) -> FloatArray:
         """(n, 4, 4) poses of the board's middle in the camera; of the nominal arm without motions."""
         pose = self.virtual.nominal.chain.with_tip(np.zeros(3)).pose(angles, motions)
         mounted = _frames(pose.R_base_tip, pose.tip_in_base) @ self.T_flange_mounted
         standing = np.linalg.inv(self.T_world_fixed) @ mounted
-        return np.asarray(np.linalg.inv(standing)) if self.is_in_hand else standing
+        seen = np.linalg.inv(standing) if self.is_in_hand else standing
+        return np.asarray(seen * self._front)
 
     def project(self, T_camera_board: FloatArray) -> FloatArray:
         """(n, 2, c) pixels of the corners; NaN where they are not in the image."""
@@ -149,7 +155,7 @@ class VirtualCell:
         sight = T_camera_board[:, :3, 3] / np.linalg.norm(T_camera_board[:, :3, 3], axis=1, keepdims=True)
         usual = float(np.linalg.norm(self.T_camera_board(self.virtual.nominal.working[None])[0, :3, 3]))
         near = (T_camera_board[:, 2, 3] > NEAREST * usual) & (T_camera_board[:, 2, 3] < FARTHEST * usual)
-        faces = (sight * T_camera_board[:, :3, 2]).sum(axis=1)
+        faces = (sight * (T_camera_board * self._front)[:, :3, 2]).sum(axis=1)
         found: BoolArray = near & (faces > np.cos(np.radians(MAX_TILT_DEG)))
         share = (~np.isnan(self.project(T_camera_board[found])[:, 0])).mean(axis=1)
         found[found] = share >= LEAST_SHARE
