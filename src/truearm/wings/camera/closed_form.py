@@ -230,7 +230,7 @@ def _refined(A: FloatArray, C: FloatArray, X: FloatArray, Y: FloatArray) -> Hand
         seen = X @ at_base
         t = seen[:, :3, 3] - C[:, :3, 3]
         r = Rotation.from_matrix(back @ seen[:, :3, :3]).as_rotvec()
-        arms = np.stack([-cross_matrix(one) for one in at_base[:, :3, 3] @ X[:3, :3].T])
+        arms = -cross_matrix(at_base[:, :3, 3] @ X[:3, :3].T)
         J = np.zeros((n, 6, UNKNOWNS))
         J[:, :3, :3], J[:, :3, 3:6], J[:, :3, 6:9] = unit, arms, turned
         J[:, 3:, 3:6], J[:, 3:, 9:] = back, back @ turned

@@ -19,6 +19,8 @@ TIMES_MEDIAN, LEAST_DEG, MOST_DEG = 4.0, 1.0, 5.0
 AGREES = 0.75
 # Shares of the images that must agree for the poses to belong together, and to be said wrong one by one.
 TOGETHER, FEW_WRONG = 0.5, 1 / 3
+# Images that do not agree among which exchanged ones are looked for.
+MOST_EXCHANGED = 40
 
 
 def turns(R: Rotation) -> FloatArray:
@@ -51,12 +53,13 @@ class TurnTest:
         n = len(off)
         tolerance = float(np.clip(TIMES_MEDIAN * np.median(off[np.triu_indices(n, 1)]), LEAST_DEG, MOST_DEG))
         fits, kept = off < tolerance, np.ones(n, dtype=bool)
-        while kept.sum() > 2:
-            share = (fits[np.ix_(kept, kept)].sum(axis=1) - 1) / (kept.sum() - 1)
-            worst = int(share.argmin())
-            if share[worst] >= AGREES:
+        others = fits.sum(axis=1) - 1
+        while (left := int(kept.sum())) > 2:
+            worst = int(np.where(kept, others, n).argmin())
+            if others[worst] >= AGREES * (left - 1):
                 break
-            kept[np.flatnonzero(kept)[worst]] = False
+            kept[worst] = False
+            others -= fits[worst]
         among = off[np.ix_(kept, kept)][np.triu_indices(int(kept.sum()), 1)]
         return cls(kept, float(np.sqrt((among**2).mean())), tolerance)
 
@@ -99,7 +102,8 @@ def wrong_rows(test: TurnTest, robot: Rotation, camera: Rotation, directions: Fl
         else:
             quarter = [Rotation.from_rotvec(s * np.pi / 2 * np.eye(3)[2]) for s in (1, -1)]
             along = Rotation.from_rotvec(np.pi * directions[row] / np.linalg.norm(directions[row]))
-            others = [other for other in bad.tolist() if other != row and fits(camera[other], row)]
+            near = bad.tolist() if len(bad) <= MOST_EXCHANGED else []
+            others = [other for other in near if other != row and fits(camera[other], row)]
             if any(fits(camera[row] * turn, row) for turn in quarter):
                 named.setdefault("the board was seen a quarter turned about its z axis", []).append(row)
             elif fits(along * camera[row] * half["z"], row):
