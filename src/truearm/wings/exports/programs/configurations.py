@@ -159,7 +159,7 @@ ROBOT = "check its tool, its work frame and the robot"
 
 def _reason(exists: bool, inside: bool, fits: bool, rivals: bool, stated: bool) -> str:
     if not exists:
-        return f"out of reach of the arm as drawn: {ROBOT}"
+        return f"out of reach of the nominal arm: {ROBOT}"
     if not inside:
         return f"only reached beyond a joint limit: {ROBOT}"
     if not fits:

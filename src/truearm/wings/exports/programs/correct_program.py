@@ -184,7 +184,7 @@ class _Correction:
     program: Program
 
     def result(self, path: Path, file: bytes, start: FloatArray | None) -> CorrectedProgram:
-        """Correct all targets, and write the program anew."""
+        """Correct all targets, and write the new program."""
         solver, program = self.solver, self.program
         nominal, reasons = solver.nominal(program.targets, start)
         self._check_robot(nominal, reasons)
