@@ -16,7 +16,7 @@ from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.findings import Finding, in_order
-from truearm.identification.judgement.common_errors import CommonErrors
+from truearm.identification.estimation.common_errors import CommonErrors
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.models.identified_model import IdentifiedModel, require_identified
 from truearm.readings import Lengths, Session, read_lengths

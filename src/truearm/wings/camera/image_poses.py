@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import Arm
 from truearm.arm.rigid_motions import cross_matrix
-from truearm.identification.judgement.common_errors import settled_pose_errors
+from truearm.identification.estimation.common_errors import settled_pose_errors
 from truearm.readings import Session
 from truearm.readings.pose_errors import PoseErrors
 from truearm.typing import FloatArray, IntArray
