@@ -240,6 +240,7 @@ BAD = [
     (["program.csv", "c.csv", "--tool", "1,2,x"], "--tool expects numbers"),
     (["program.csv", "c.csv", "--start", "0,0,0,0,0,0"], "start joints are given twice"),
     (["missing.csv", "c.csv"], "does not exist"),
+    (["missing.mod", "c.mod"], "missing.mod: the file does not exist"),
     (["m.truearm", "c.csv"], "got a model file"),
     (["program.csv", "no/such/c.csv"], "does not exist"),
 ]

@@ -19,8 +19,6 @@ _OF_TABLES = {"language": "--as", "fanuc_j3": "--fanuc-j3", "tool": "--tool"}
 
 def is_program(path: Path) -> bool:
     """Whether a file is a program: of a known language, or one that cannot be read."""
-    if not path.is_file():
-        return False
     return path.suffix.lower() in UNREADABLE or language_of(read_limited(path, limit_bytes=MAX_BYTES)) is not None
 
 

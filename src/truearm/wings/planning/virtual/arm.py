@@ -73,7 +73,7 @@ def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *
 
     Geometry is drawn repeatedly from the arm's stream. Each draw is scaled to the mean error of the preset and accepted
     if the maxima of thirty tests are then all within the preset's tolerance. Where the other classes alone exceed the
-    mean error, as in heavy robots, the geometry stays as drawn.
+    mean error, as in heavy robots, the geometry is not scaled.
 
     Raises
     ------
