@@ -151,7 +151,7 @@ TASKS: dict[str, tuple[str, str]] = {
             "draw_board BoardSheet plan_images ImagePlan simulate_images ImageSimulation find_corners CornersResult "
             "fit_images ImageFit hand_eye HandEyeResult"
         ),
-        "camera",
+        "camera hand-eye",
     ),
     "Identify": (
         (
@@ -160,11 +160,13 @@ TASKS: dict[str, tuple[str, str]] = {
         ),
         "fitting imperfect-readings terms networks",
     ),
-    "Use a camera": ("hand_eye HandEyeResult", "hand-eye"),
     "Test and compare": ("evaluate Evaluation compare ModelChange report ReportResult", "fitting"),
     "Compensate": (
-        "predict Prediction correct CorrectedTargets export ExportResult check_export ExportCheck",
-        "measure correct export",
+        (
+            "predict Prediction correct CorrectedTargets correct_program CorrectedProgram export ExportResult "
+            "check_export ExportCheck"
+        ),
+        "measure correct programs export",
     ),
     "Live": (
         "record live open_source list_sources SourceList try_source SourceTrial Source Sample Notice StandstillRule",

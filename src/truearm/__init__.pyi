@@ -56,6 +56,8 @@ from truearm.wings.exports.export import ExportCheck as ExportCheck
 from truearm.wings.exports.export import ExportResult as ExportResult
 from truearm.wings.exports.export import check_export as check_export
 from truearm.wings.exports.export import export as export
+from truearm.wings.exports.programs.correct_program import CorrectedProgram as CorrectedProgram
+from truearm.wings.exports.programs.correct_program import correct_program as correct_program
 from truearm.wings.fleet.fleet import Fleet as Fleet
 from truearm.wings.fleet.fleet import FleetRun as FleetRun
 from truearm.wings.fleet.fleet_status import FleetStatus as FleetStatus

@@ -94,6 +94,19 @@ def correct_program(
     ------
     InputError
         If the program is of no known language, damaged, of another robot, or corrected in this direction already.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> session = ta.simulate("irb2600-12-165", poses=40, strategy="measuring", seed=1).session
+    >>> model = ta.fit("irb2600-12-165", session, model="kinematic").model
+    >>> with open("pick.mod", "w") as file:
+    ...     print("MODULE Pick", file=file)
+    ...     print("CONST jointtarget jHome:=[[0,0,15,0,60,0],[9E9,9E9,9E9,9E9,9E9,9E9]];", file=file)
+    ...     print("ENDMODULE", file=file)
+    >>> corrected = ta.correct_program(model, "pick.mod")
+    >>> len(corrected.changes), corrected.is_complete
+    (1, True)
     """
     fitted = to_model_of_tip(model)
     check_has_kinematics(fitted.arm_, "corrected targets need")
