@@ -38,6 +38,7 @@ MEANINGS = {
     "--seats": "number of seats",
     "--session": "session file, of a fleet also a URL",
     "--strategy": "how poses are chosen",
+    "--start": "joints to start from",
     "--tip-diameter": "diameter of the stylus tip",
     "--trainer": "trainer of a network",
 }

@@ -16,6 +16,7 @@ KEPT, OWN, FREE = "kept", "replaced by its own kind", "same arm's replaced"
 READ = {"artefacts", "certificate", "files", "folder", "model", "new", "old", "session", "table", "targets"}
 READ |= {"--about", "--artefacts", "--as-found", "--check", "--from-circles", "--key", "--lengths", "--list", "--logo"}
 READ |= {"--measured", "--model-file", "--mpe", "--plan", "--prior", "--read", "--region", "--session", "--signer"}
+READ |= {"--camera", "images", "pixels", "robot", "samples"}
 READ |= {"--frames", "--test-session", "--trusted", "--with"}
 
 
@@ -50,6 +51,7 @@ def bench(files, tmp_path, monkeypatch) -> Path:
 
 
 CERTIFICATE = "certificate --test-plan iso10360-12 --measured p.csv --artefacts a.toml --mpe l.toml --about b.toml"
+IMAGES = "fit-images m.csv p.csv --arm ur10 --board charuco:8x11,15mm,11mm"
 # ARM and OUT stand for the file that the row is about.
 WRITES: dict[tuple[str, str], str] = {
     ("arms", "--out"): "arms gao2017 --out x.toml",
@@ -58,6 +60,11 @@ WRITES: dict[tuple[str, str], str] = {
     ("simulate", "--out"): "simulate gao2017 --poses 5 --out x.csv",
     ("simulate", "--out-lengths"): "simulate ur10 --strategy seat --bars 2 --out-lengths x.csv --out y.csv",
     ("plan", "--out"): "plan gao2017 --artefact tracker --out x.csv",
+    ("plan-images", "--out"): "plan-images ur5 --poses 6 --out x.csv",
+    ("hand-eye", "--out"): "hand-eye p.csv m.csv --as yaml --out x.yaml",
+    ("hand-eye", "--out-model"): "hand-eye p.csv m.csv --arm ur10 --out-model x.truearm",
+    ("fit-images", "--out"): f"{IMAGES} --out x.truearm",
+    ("fit-images", "--camera-out"): f"{IMAGES} --out y.truearm --camera-out x.yaml",
     ("sources", "--out"): "sources --try microscribe:COM1 --out x.toml",
     ("record", "--out-model"): "record --source replay:m.csv --out y.csv --arm ur10 --out-model x.truearm",
     ("live", "--out-model"): "live --source replay:m.csv --out y.csv --arm ur10 --out-model x.truearm",

@@ -18,8 +18,9 @@ from truearm.wings.bench.sources.servo_bus import ServoDocument
 
 CHECKOUT = Path(__file__).parents[2]
 README, START = CHECKOUT / "README.md", CHECKOUT / "docs" / "start"
-# Run by tests of their own: tests/cli/test_robot_page.py, tests/workflows/test_regressors.py.
-ELSEWHERE = {"robot", "researcher"}
+# Run by tests of their own: tests/verbs/test_robot_page.py, tests/verbs/test_regressors.py,
+# tests/wings/camera/test_camera_start_page.py.
+ELSEWHERE = {"camera", "robot", "researcher"}
 
 
 def test_every_start_page_is_run():

@@ -10,9 +10,15 @@ from truearm.verbs.record import Record, TableRecord
 # Their answer is sentences, a page, a file or a session; what they have as a table is in the object that is named.
 NOT_TABLES = {
     "ArtefactsFromCertificate": "a file to complete",
+    "BoardSheet": "a sheet to print",
     "CertificateResult": "a certificate; its values are those of `verify`",
+    "CornersResult": "corners; their table is `pixels`",
+    "CorrectedProgram": "a program; its targets are those of `difference`",
     "ExportResult": "a file",
     "FitResult": "a model",
+    "HandEyeResult": "transforms",
+    "ImageFit": "transforms and a model",
+    "ImageSimulation": "images and a session, which has `to_frame`",
     "OperatorSheetResult": "a form to fill in",
     "PublishedReadings": "a session, which has `to_frame`",
     "ReadCertificate": "a certificate",
@@ -72,6 +78,7 @@ def tables(ur10_session, ur10_model, simulated, tmp_path_factory):
         "MeasuredFeatures": (measured, len(measured.features[0].quantities)),
         "CheckResult": (checked, len(checked.assessment.trends)),
         "CheckPlan": (ta.plan_check("measuring7", length_mm=400), 18),
+        "ImagePlan": (ta.plan_images("ur5", poses=6), 6),
         "PlanResult": (ta.plan("gao2017", "seat", poses=6, seats=2, terms="constants"), 6),
         "ExportCheck": (exported, len(exported.findings)),
         "Diagnosis": (diagnosis, 1),

@@ -57,7 +57,7 @@ def test_a_transform_that_is_there_is_kept(tables, truearm, tmp_path):
         (["board.csv", "flange.csv", "--board-size", "0"], "expected a board size above zero"),
         (["board.csv"], "expected joints or poses of the flange, got none"),
         (
-            ["board.csv", "flange.csv", "--out", "t", "--as", "yaml", "--frames", "a,b"],
+            ["board.csv", "flange.csv", "--out", "t", "--as", "yaml", "--frame-names", "a,b"],
             "names of base, flange and camera",
         ),
     ],

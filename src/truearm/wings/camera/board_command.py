@@ -21,7 +21,7 @@ def board(
     as_json: options.Json = False,
     **given: Any,
 ) -> None:
-    """Write a board to scale, to be printed and measured by a camera.
+    """Write a board to print, for a camera.
 
     charuco:8x11,15mm,11mm is a ChArUco board of 8 x 11 squares of 15 mm with markers of 11 mm; chessboard:9x6,25mm a
     chessboard with 9 x 6 inner corners; aprilgrid:6x6,24mm,7.2mm an AprilTag grid with the gap between the tags. Behind

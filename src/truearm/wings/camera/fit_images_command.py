@@ -11,6 +11,7 @@ from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_model_output, check_new_output
 from truearm.verbs.signature import of_verb
+from truearm.wings.camera.corners_command import BoardOption, CameraOption
 
 
 @of_verb("truearm.wings.camera.fit_images:fit_images", called={"u_camera_px": "--u-camera"})
@@ -19,11 +20,9 @@ def fit_images(
     session: Annotated[Path, Argument(metavar="SESSION", help="Session file with the joints of every image.")],
     pixels: Annotated[Path, Argument(metavar="PIXELS", help="Corners in the images: reading, corner, u_px, v_px.")],
     arm: Annotated[str, Option("--arm", help=f"Nominal arm. {options.ARM_HELP}")],
-    board: Annotated[str, Option("--board", help="The board, such as charuco:12x9,20mm,15mm.")],
+    board: BoardOption,
     out: options.ModelOut,
-    camera: Annotated[
-        Path | None, Option("--camera", help="The camera's intrinsics: camera_info of ROS; found if not stated.")
-    ] = None,
+    camera: CameraOption = None,
     camera_out: Annotated[
         Path | None, Option("--camera-out", help="File to write with the intrinsics found, .yaml.")
     ] = None,
@@ -33,7 +32,9 @@ def fit_images(
     as_json: options.Json = False,
     **given: Any,
 ) -> None:
-    """Identify an arm, its camera and the board from corners in images.
+    """Identify an arm and its camera from images.
+
+    The board is identified with them.
 
     The camera stands beside the robot and the board is on its flange, or with --eye-in-hand the camera is on the flange
     and the board stands. PIXELS has a row for each corner: reading (the row of SESSION, counted from 1), corner,

@@ -28,7 +28,7 @@ def hand_eye(
     arm: options.ArmOption = None,
     out: Annotated[Path | None, Option(help="File of the transform to write, in the format --as.")] = None,
     format: Annotated[TransformFormat | None, Option("--as", help="Format of --out.", show_default=False)] = None,
-    frames: Annotated[
+    frame_names: Annotated[
         str, Option(metavar="BASE,FLANGE,CAMERA", help="Names of the frames in --out.")
     ] = "base_link,tool0,camera_optical_frame",
     out_model: Annotated[Path | None, Option(help="Model file of the identified arm to write.")] = None,
@@ -38,7 +38,7 @@ def hand_eye(
     as_json: options.Json = False,
     **given: Any,
 ) -> None:
-    """Find where the camera and the board are, and identify the arm with them.
+    """Find where the camera and the board are.
 
     The camera stands and sees a board on the flange or, with --eye-in-hand, is on the flange and sees a board that
     stands. SAMPLES is a table with a row for each image, samples of easy_handeye, pairs of MoveIt or arrays of OpenCV;
@@ -68,5 +68,5 @@ def hand_eye(
             check_model_output(out_model, result.fitted.model.arm_, force=force)
             result.fitted.save(out_model)
         if out is not None:
-            write_transforms(out, result.camera, result.board, format=format, frames=frames.split(","))  # type: ignore[arg-type]
+            write_transforms(out, result.camera, result.board, format=format, frames=frame_names.split(","))  # type: ignore[arg-type]
     print_record(result, as_json=as_json, files={"transform": out, "model": out_model}, details=details)

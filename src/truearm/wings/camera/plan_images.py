@@ -173,7 +173,7 @@ def plan_images(
     camera : str, Path or Lens, optional
         Its intrinsics, a file of ROS's camera_info; by default 1280 x 1024 px with 49 deg from side to side.
     eye_in_hand : bool
-        Whether the camera is on the flange and the board stands; otherwise the camera stands.
+        The camera is on the flange and the board stands. By default the camera stands and the board is on the flange.
     poses : int
         From 6 to 300.
     start : (n_joints,) array, optional

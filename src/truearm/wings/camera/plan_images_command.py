@@ -12,6 +12,7 @@ from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_new_output
 from truearm.verbs.signature import of_verb
+from truearm.wings.camera.corners_command import CameraOption
 
 
 @of_verb(
@@ -22,9 +23,7 @@ def plan_images(
     arm: options.ArmArgument,
     out: Annotated[Path, Option(help="Session file to fill in, .csv.")],
     board: Annotated[str | None, Option(help="The board, as charuco:8x11,15mm,11mm; see truearm board.")] = None,
-    camera: Annotated[
-        Path | None, Option(help="The camera's intrinsics: camera_info of ROS, .yaml. By default 1280 x 1024 px.")
-    ] = None,
+    camera: CameraOption = None,
     start: Annotated[
         str | None,
         Option(metavar="Q1,Q2,..", help="Joints at which the board is in the middle of the image [deg, mm]."),
@@ -37,6 +36,7 @@ def plan_images(
 
     The result is a session file with the joint angles to aim at in columns of notes. Drive to them, take an image of
     each, fill in the joints as the controller shows them, and give the file to truearm corners and truearm fit-images.
+    Without --camera images have 1280 x 1024 px and 49 deg from side to side.
     """
     from truearm.arm.catalogue import arm_path
     from truearm.verbs.inputs import to_arm

@@ -185,7 +185,7 @@ def simulate_images(
     board : str, optional
         Its text, see `draw_board`; by default a ChArUco board of 88 corners, a fifth of the arm's reach wide.
     eye_in_hand : bool
-        Whether the camera is on the flange and the board stands; otherwise the camera stands.
+        The camera is on the flange and the board stands. By default the camera stands and the board is on the flange.
     preset : {"research", "shop", "worn", "printed", "perfect"}
         How large the errors of the arm are.
     seed : int

@@ -42,7 +42,7 @@ def simulate(
     instrument: Annotated[
         str | None, Option(help="In place of a tracker: camera (the board is on the flange), camera-in-hand.")
     ] = None,
-    board: Annotated[str | None, Option(help="With --instrument: the board, see truearm board.")] = None,
+    board: Annotated[str | None, Option(help="The board, as charuco:8x11,15mm,11mm; see truearm board.")] = None,
     force: options.Force = False,
     as_json: options.Json = False,
     **given: Any,
