@@ -1,6 +1,7 @@
 """The page for a robot and a camera: its commands lead from images to corrected programs."""
 
 import contextlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,12 @@ def folder(tmp_path_factory, truearm):
                     assert ran.code == 0, ran.err
                     check_printed(shown, ran.out.splitlines())
     return folder
+
+
+def test_no_command_of_the_page_writes_a_file_that_an_earlier_one_wrote():
+    """Someone who copies them all into one folder is not stopped by a file that exists."""
+    written = re.findall(r"--(?:camera-)?out (\S+)", PAGE)
+    assert len(set(written)) == len(written) > 8
 
 
 def test_the_camera_that_is_written_is_the_true_one(folder):
