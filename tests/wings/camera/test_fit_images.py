@@ -10,6 +10,8 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.identification.references.reading_references import poses_of
+from truearm.verbs.record import TextTable
+from truearm.wings.camera.boards import parse_board
 from truearm.wings.camera.fit_images import ImageFit, fit_images
 from truearm.wings.camera.image_poses import ImagePoses
 from truearm.wings.camera.images import Images, adjust, first_poses, linearise
@@ -171,7 +173,7 @@ def swapped(a: int, b: int) -> np.ndarray:
     [
         (7, swapped(30, 31), "Corners 30 and 31 are exchanged"),
         (None, swapped(30, 31), "Corners 30 and 31 are exchanged"),
-        (7, np.arange(88)[::-1], "half turned about its z axis: reading 7"),
+        (7, np.arange(88)[::-1], "half turned about its z axis: image 7 (reading 7)"),
     ],
     ids=["in one image", "in all", "board half turned"],
 )
@@ -211,9 +213,28 @@ def test_images_of_other_poses_are_named(rows, said):
 
 
 def test_the_camera_is_not_where_it_is_stated():
+    """Poses by corners are not inverted: there is one remedy."""
     cell, session, pixels = measured()
-    with pytest.raises(InputError, match="camera"):
+    with pytest.raises(InputError, match="with the camera on the flange; with the camera beside") as error:
         fit_images("ur5", session, pixels, board=cell.board, eye_in_hand=True, model="kinematic")
+    assert error.value.hint is not None
+    assert error.value.hint.startswith("--no-eye-in-hand; if the readings are right")
+
+
+def test_a_board_of_another_size_has_a_remedy_that_the_command_knows():
+    cell, session, pixels = measured()
+    stated = replace(cell.board, points=10 * cell.board.points)
+    with pytest.raises(InputError, match=r"the board is 0.1 \(u .*\) times its stated size") as error:
+        fit_images("ur5", session, pixels, board=stated, model="kinematic")
+    assert error.value.hint is not None
+    assert "state their side in --board" in error.value.hint
+
+
+def test_intrinsics_that_are_kept_are_shown_with_their_digits():
+    cell, session, pixels = measured()
+    kept = fit_images("ur5", session, pixels, board=cell.board, camera=cell.lens, u_camera_px=0.0, model="kinematic")
+    table = next(one for one in kept.blocks() if isinstance(one, TextTable) and "value" in one.columns)
+    assert [float(row[1]) for row in table.rows][:9] == pytest.approx(cell.lens.intrinsics.tolist(), rel=1e-5)
 
 
 def test_a_bar_in_seats_beside_the_images_gives_the_size():
@@ -240,8 +261,12 @@ def test_a_bar_in_seats_beside_the_images_gives_the_size():
         (lambda of: replace(of, board=np.where(of.reading > 9, "A", "B")), "the pixels of one board"),
         (lambda of: of.rows(of.reading < 4), "4 or more images"),
         (lambda of: replace(of, reading=np.where(of.reading == 2, 1, of.reading)), "one image a reading"),
+        (
+            lambda of: replace(of, board=np.full(len(of), "chessboard:9x6,25mm")),
+            "the corners are those of board chessboard:9x6,25mm, not of charuco.*--board chessboard:9x6,25mm",
+        ),
     ],
-    ids=["reading", "corner", "boards", "few", "two images"],
+    ids=["reading", "corner", "boards", "few", "two images", "another board"],
 )
 def test_pixels_that_do_not_fit_are_refused(change, said):
     cell, session, pixels = measured()
@@ -249,6 +274,23 @@ def test_pixels_that_do_not_fit_are_refused(change, said):
         fit_images("ur5", session, change(pixels), board=cell.board, model="kinematic")
     with pytest.raises(InputError, match="u_camera_px"):
         fit_images("ur5", session, pixels, board=cell.board, u_camera_px=1.0)
+
+
+def test_a_camera_of_another_resolution_is_refused():
+    """Its numbers would be those of a start only, but the file that is written would have its size."""
+    cell, session, pixels = measured()
+    width, height = cell.lens.width, cell.lens.height
+    seen = replace(pixels, size_px=(2 * width, 2 * height))
+    said = f"the images are {2 * width} x {2 * height} px, the camera's file is of {width} x {height} px"
+    with pytest.raises(InputError, match=said):
+        fit_images("ur5", session, seen, board=cell.board, camera=cell.lens)
+
+
+def test_a_board_whose_sides_were_measured_is_the_board_of_the_pixels():
+    cell, session, pixels = measured()
+    measured_board = parse_board(cell.board.name.replace("20.4mm", "20.41mm") + ",u=0.02%")
+    assert measured_board.side_mm == 20.41
+    assert fit_images("ur5", session, pixels, board=measured_board, model="kinematic").n_used == N
 
 
 def test_what_is_contradicted_may_be_accepted():

@@ -9,6 +9,7 @@ from hand_eye_cells import make_cell
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from truearm.acceptance import Contradiction
 from truearm.errors import InputError
 from truearm.wings.camera.closed_form import inverse, motion
 from truearm.wings.camera.pose_files import read_samples
@@ -59,6 +60,21 @@ def test_samples_of_easy_handeye2(eye_in_hand, stated, tmp_path):
     found = ta.hand_eye(file, eye_in_hand=None if stated else eye_in_hand)
     same(found, cell)
     assert found.eye_in_hand == eye_in_hand
+
+
+@BOTH
+def test_an_option_against_what_the_samples_state_is_refused(eye_in_hand, tmp_path):
+    """With poses of the base in the effector the other place of the camera fits as well: nothing else shows it."""
+    cell = make_cell(1, 15, eye_in_hand=eye_in_hand)
+    robot = cell.flange if eye_in_hand else inverse(cell.flange)
+    pairs = zip(ros(robot), ros(cell.seen), strict=True)
+    kind, where = ("eye_in_hand", "on the flange") if eye_in_hand else ("eye_on_base", "beside the robot")
+    content = {"parameters": {"calibration_type": kind}, "samples": [{"robot": r, "tracking": t} for r, t in pairs]}
+    file = tmp_path / "calib.samples"
+    file.write_text(yaml.safe_dump(content))
+    with pytest.raises(Contradiction, match=f"calib.samples: the samples say that the camera is {where}"):
+        ta.hand_eye(file, eye_in_hand=not eye_in_hand)
+    same(ta.hand_eye(file, eye_in_hand=eye_in_hand), cell)
 
 
 def test_samples_that_do_not_state_the_camera_are_said_to_be_taken_as_standing(tmp_path):

@@ -72,8 +72,11 @@ def test_too_many_half_turned_boards_are_refused():
     cell = cell_of()
     seen = cell.seen.copy()
     seen[:10] = seen[:10] @ HALF
-    with pytest.raises(Contradiction, match="10 images of 24 contradict the others: the board was seen half turned"):
+    with pytest.raises(
+        Contradiction, match="10 images of 24 contradict the others: the board was seen half turned"
+    ) as e:
         cell.with_seen(seen).hand_eye()
+    assert "ChArUco board" in (e.value.hint or "")
 
 
 @pytest.mark.parametrize("size", [0.4, 0.9, 1.1, 2.5])
@@ -94,8 +97,9 @@ def test_metres_taken_for_millimetres_are_named():
     cell = cell_of()
     seen = cell.seen.copy()
     seen[:, :3, 3] /= 1000
-    with pytest.raises(Contradiction, match="mm taken for m"):
+    with pytest.raises(Contradiction, match="mm taken for m") as error:
         cell.with_seen(seen).hand_eye()
+    assert "--board-size 1000 corrects" in (error.value.hint or "")
 
 
 def test_a_slightly_larger_board_is_said_and_goes_on():
@@ -125,7 +129,8 @@ def test_exchanged_images_are_named():
 @pytest.mark.parametrize("shift", [1, -2])
 def test_images_that_are_shifted_against_the_poses_are_named(shift):
     cell = cell_of()
-    with pytest.raises(InputError, match="rows? (earlier|later) they agree"):
+    first = {1: "the first image has no pose", -2: "the first 2 poses have no image"}[shift]
+    with pytest.raises(InputError, match=f"rows? (earlier|later) they agree.*pair each pose .*: {first}"):
         cell.with_seen(np.roll(cell.seen, shift, axis=0)).hand_eye()
 
 
@@ -277,3 +282,4 @@ def test_few_images_leave_the_arm_nominal(n):
     found = make_cell(1, n, noise=(0.02, 0.1)).hand_eye(joints=True)
     assert "too few to identify the arm" in said(found)
     assert found.fitted.model_name == "nominal"
+    assert f"Only {n} images: U comes from their scatter" in said(make_cell(1, n, noise=(0.02, 0.1)).hand_eye())

@@ -66,8 +66,10 @@ def test_images_are_in_the_order_in_which_people_number_them(tmp_path):
     empty.mkdir()
     with pytest.raises(InputError, match="no images"):
         list_images(empty)
-    with pytest.raises(InputError, match="expected a folder"):
-        list_images(tmp_path / "a.bmp")
+    with pytest.raises(InputError, match="expected a folder with images, got a file"):
+        list_images(folder / "a.bmp")
+    with pytest.raises(InputError, match="expected a folder with images, got nothing of this name"):
+        list_images(tmp_path / "none")
 
 
 def test_without_names_image_k_is_of_reading_k_if_there_are_as_many(tmp_path):
@@ -87,7 +89,7 @@ def test_names_in_the_table_say_which_image_is_of_which_reading(tmp_path):
     assert [path and path.name for path in found] == ["3.png", None, "1.png", "2.png"]
     assert said == ""
     table.write_text("q1_deg,note_image\n1,3.png\n2,5.png\n")
-    with pytest.raises(InputError, match=r"line 3, column 'note_image': there is no image '5.png'"):
+    with pytest.raises(InputError, match=r"line 3, column 'note_image': there is no image '5.png' .*an empty cell"):
         images_of_readings(table, images, 2)
     table.write_text("q1_deg,note_image\n1,3.png\n2,3.png\n")
     with pytest.raises(InputError, match=r"line 3, column 'note_image': the image '3.png' stands here twice"):

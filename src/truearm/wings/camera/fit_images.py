@@ -21,7 +21,7 @@ from truearm.identification.references.prepared_readings import MIN_ROWS, Prepar
 from truearm.models.identified_model import IdentifiedModel, require_identified
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import BoolArray, FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verbs.fit import fit
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_session
 from truearm.verbs.record import TextTable, format_fixed
@@ -40,7 +40,7 @@ from truearm.wings.camera.images import (
     first_poses,
     guess_lens,
 )
-from truearm.wings.camera.interpretation import Interpretation, interpret
+from truearm.wings.camera.interpretation import OF_IMAGES, Interpretation, interpret
 from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera
 from truearm.wings.camera.mounts import Transform, of_model
 from truearm.wings.camera.observations import PixelObservations, read_pixels
@@ -137,7 +137,8 @@ def fit_images(
     of_board = parse_board(board) if isinstance(board, str) else board
     lens = read_camera(camera) if isinstance(camera, str | Path) else camera
     rows, images, findings = images_of(seen, len(readings), of_board, lens, u_camera_px)
-    adjusted, images, found = _adjusted(readings, rows, images)
+    called = _names_of(seen, readings, rows)
+    adjusted, images, found = _adjusted(images, called)
     findings += found
     if lens is not None:
         findings += _camera_findings(images, adjusted)
@@ -145,7 +146,7 @@ def fit_images(
     poses = ImagePoses(
         readings=readings, rows=rows, images=images, adjusted=adjusted, is_in_hand=eye_in_hand, depth_mm=depth
     )
-    placed = _Placed.of(known, poses)
+    placed = _Placed.of(known, poses, called)
     free = ("base", "tip")
     try:
         settled = placed.poses.settled(placed.arm, free)
@@ -210,6 +211,14 @@ def images_of(
                 column=name,
                 hint=f"fit the images of one {name} at a time",
             )
+    _check_board_of(seen, board)
+    if lens is not None and seen.size_px is not None and seen.size_px != (lens.width, lens.height):
+        raise InputError(
+            f"the images are {seen.size_px[0]} x {seen.size_px[1]} px, the camera's file is of {lens.width} x "
+            f"{lens.height} px",
+            file=seen.file,
+            hint="the intrinsics of this resolution, or none: they are found with the arm",
+        )
     image = np.unique(seen.image, return_inverse=True)[1]
     of_reading = np.unique(np.stack([seen.reading, image]), axis=1)[0]
     if len(twice := of_reading[1:][np.diff(of_reading) == 0]):
@@ -240,19 +249,46 @@ def images_of(
     return of_reading[shows] - 1, Images(corners, pixels[shows], lens, u, board.u_scale), findings
 
 
-def _adjusted(readings: Session, rows: Any, images: Images) -> tuple[Adjustment, Images, list[Finding]]:
+def _check_board_of(seen: PixelObservations, board: Board) -> None:
+    """Refuse pixels of a board of another kind or number of squares; its lengths may have been measured since."""
+    try:
+        other = parse_board(str(seen.board[0]), folder=seen.file.parent if seen.file else ".")
+    except InputError:
+        return  # a name of another detector
+    if (other.kind, other.across, other.down) != (board.kind, board.across, board.down):
+        raise InputError(
+            f"the corners are those of board {other.name}, not of {board.name}",
+            file=seen.file,
+            column="board",
+            hint=f"--board {other.name}, or the pixels of the other board",
+        )
+
+
+def _names_of(seen: PixelObservations, readings: Session, rows: IntArray) -> Callable[[int], str]:
+    """What a message calls an image by its place in `rows`: ``image_05.png (line 6)``."""
+    names = dict(zip(seen.reading.tolist(), seen.image.tolist(), strict=True))
+
+    def called(place: int) -> str:
+        row = int(rows[place])
+        name, reading = names[row + 1], readings.called(row)
+        return reading if name == f"reading {row + 1}" else f"{name} ({reading})"
+
+    return called
+
+
+def _adjusted(images: Images, called: Callable[[int], str]) -> tuple[Adjustment, Images, list[Finding]]:
     """Poses and camera by the pixels, without gross errors of corners."""
     adjusted = adjust(images, *first_poses(images))
     off = np.linalg.norm(np.nan_to_num(adjusted.residuals), axis=1) > max(GROSS_STDS * adjusted.std_px, LEAST_GROSS_PX)
     off &= ((images.seen & ~off).sum(axis=1) >= LEAST_CORNERS)[:, None]
     if not off.any():
         return adjusted, images, []
-    findings = [_said_of_corners(readings, rows, images, adjusted, off)]
+    findings = [_said_of_corners(called, images, adjusted, off)]
     images = replace(images, pixels=np.where(off[:, None], np.nan, images.pixels))
     return adjust(images, adjusted.R, adjusted.t, adjusted.unknowns), images, findings
 
 
-def _said_of_corners(readings: Session, rows: Any, images: Images, adjusted: Adjustment, off: BoolArray) -> Finding:
+def _said_of_corners(called: Callable[[int], str], images: Images, adjusted: Adjustment, off: BoolArray) -> Finding:
     """Which corners are gross errors; those that are another one are exchanged."""
     of_image = np.flatnonzero(off.any(axis=1))
     limit = max(GROSS_STDS * adjusted.std_px, LEAST_GROSS_PX)
@@ -265,7 +301,7 @@ def _said_of_corners(readings: Session, rows: Any, images: Images, adjusted: Adj
             if a < b and apart[b, a] <= 3 * limit:
                 pair = int(wrong[a]), int(wrong[b])
                 exchanged[pair] = exchanged.get(pair, 0) + 1
-    n, listed = int(off.sum()), [f"{readings.called(int(rows[i]))} ({int(off[i].sum())})" for i in of_image[:4]]
+    n, listed = int(off.sum()), [f"{int(off[i].sum())} of {called(int(i))}" for i in of_image[:4]]
     more = f" and {len(of_image) - 4} more" if len(of_image) > 4 else ""
     said = f"{number_of(n, 'corner')} of {number_of(len(of_image), 'image')} are gross errors, ignored: "
     said += ", ".join(listed) + more + "."
@@ -331,7 +367,7 @@ class _Placed:
     contradiction: InputError | None
 
     @classmethod
-    def of(cls, arm: Arm, poses: ImagePoses) -> _Placed:
+    def of(cls, arm: Arm, poses: ImagePoses, called: Callable[[int], str]) -> _Placed:
         pose = arm.chain.with_tip(np.zeros(3)).pose(poses.readings.angles[poses.rows])
         flange, seen = motion(pose.R_base_tip, pose.tip_in_base), poses.T_camera_board
         found: Interpretation | None = None
@@ -341,7 +377,8 @@ class _Placed:
                 _stated_in_mm(flange),
                 _stated_in_mm(seen),
                 eye_in_hand=poses.is_in_hand,
-                called=lambda row: poses.readings.called(int(poses.rows[row])),
+                called=called,
+                remedies=OF_IMAGES,
             )
         except InputError as error:
             contradiction = error
@@ -430,10 +467,9 @@ class ImageFit(HandEyeResult):
         rows = []
         names, values = [*self.lens.names, "size of the board"], [*self.lens.intrinsics, self.board_scale]
         for name, value, u in zip(names, values, self.u_intrinsics, strict=True):
-            digits = max(0, 1 - int(np.floor(np.log10(u)))) if u > 0 else 3
-            rows.append(
-                (name, format_fixed(float(value), digits), format_fixed(float(u), digits) if u else "as stated")
-            )
+            digits = max(0, 1 - int(np.floor(np.log10(u)))) if u > 0 else 0
+            shown = (format_fixed(value, digits), format_fixed(u, digits)) if u > 0 else (f"{value:.6g}", "as stated")
+            rows.append((name, *shown))
         return rows
 
     def _json(self) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.acceptance import acceptance_remarks, accepts
+from truearm.acceptance import acceptance_remarks, accepts, contradict
 from truearm.arm import Arm
 from truearm.choices import ModelName
 from truearm.errors import InputError
@@ -150,6 +150,8 @@ def hand_eye(
         said.append(f"Ignored, as their positions are gross errors: {number_of(len(out), 'image')} ({listed}).")
     n_images, fitted, centre = len(seen), None, np.zeros(3)
     if moved.joints is None:
+        if (n := int(alone.rows.sum())) < FEWEST_TO_IDENTIFY:
+            said.append(f"Only {n} images: U comes from their scatter, which so few do not show. Take 25 or more.")
         said.append("Without joints the arm is not identified: its errors are in the uncertainty on average only.")
         camera, mounted = of_alone(alone, eye_in_hand=in_hand)
     else:
@@ -216,6 +218,11 @@ def _where(seen: Samples, moved: Samples, stated: bool | None, said: list[str]) 
     """Whether the camera is on the flange, by the option, else by the file, else not."""
     by_file = moved.eye_in_hand if moved.eye_in_hand is not None else seen.eye_in_hand
     if stated is not None:
+        if by_file is not None and by_file != stated and moved.inverts_standing:
+            # Poses of the base in the effector are read the other way round: either fits as well.
+            where, option = ("on the flange", "--eye-in-hand") if by_file else ("beside the robot", "--no-eye-in-hand")
+            problem = f"the samples say that the camera is {where} (calibration_type)"
+            contradict(InputError(problem, file=moved.file, hint=f"omit the option, or {option}"))
         return stated
     if by_file is None and moved.inverts_standing:
         said.append("The samples do not state where the camera is: taken to stand (--eye-in-hand if it is on the arm).")

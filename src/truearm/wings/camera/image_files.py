@@ -70,7 +70,8 @@ def list_images(folder: str | Path) -> list[Path]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError("expected a folder with images", file=folder)
+        got = "a file" if folder.exists() else "nothing of this name"
+        raise InputError(f"expected a folder with images, got {got}", file=folder)
     found = sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=_natural)
     if not found:
         raise InputError(f"the folder has no images ({', '.join(SUFFIXES)})", file=folder)
@@ -106,7 +107,12 @@ def images_of_readings(session: object, images: list[Path], n_readings: int) -> 
             for row, cell in enumerate(cells):
                 path = by_name.get(cell.replace("\\", "/").rpartition("/")[2]) if cell else None
                 if cell and path is None:
-                    raise sheet.error(f"there is no image {quoted_cell(cell)} in the folder", row, column=COLUMN)
+                    raise sheet.error(
+                        f"there is no image {quoted_cell(cell)} in the folder",
+                        row,
+                        column=COLUMN,
+                        hint="an empty cell, for a reading without an image",
+                    )
                 if path is not None and path in found:
                     raise sheet.error(f"the image {quoted_cell(cell)} stands here twice", row, column=COLUMN)
                 found.append(path)

@@ -33,6 +33,44 @@ WAYS = ("as stated", "inverted", "board transposed", "robot transposed")
 TRANSPOSED = "the rotations of the {} are transposed (columns were read as rows)"
 
 
+@dataclass(frozen=True)
+class Remedies:
+    """What a person may do about poses of a board, by where they come from.
+
+    Attributes
+    ----------
+    paired : str
+        Where robot and camera turn differently.
+    inverted : bool
+        Whether poses may be inverted; ``--invert`` says so then.
+    size_of : str
+        Of what the size that does not fit is.
+    sized : str
+        Where the board has another size, with ``{size}``.
+    """
+
+    paired: str
+    inverted: bool
+    size_of: str
+    sized: str
+
+
+PAIRED = "are rows and images of the same poses, in the same order, with the arm at rest?"
+# Poses that others computed, and poses by corners in images.
+OF_POSES = Remedies(
+    paired=PAIRED,
+    inverted=True,
+    size_of="the size that its poses have",
+    sized="measure the squares of the board; --board-size {size} corrects the poses",
+)
+OF_IMAGES = Remedies(
+    paired=f"{PAIRED} Is it this arm?",
+    inverted=False,
+    size_of="its stated size",
+    sized="measure the squares of the board, and state their side in --board",
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Interpretation:
     """Poses that belong together.
@@ -90,7 +128,13 @@ class _Way:
 
 
 def interpret(
-    robot: Poses, board: Poses, *, eye_in_hand: bool, called: Callable[[int], str], board_size: float = 1.0
+    robot: Poses,
+    board: Poses,
+    *,
+    eye_in_hand: bool,
+    called: Callable[[int], str],
+    board_size: float = 1.0,
+    remedies: Remedies = OF_POSES,
 ) -> Interpretation:
     """The meaning of poses, with their forms as stated where they are.
 
@@ -104,6 +148,8 @@ def interpret(
         Names an image by its row.
     board_size : float
         True size of the board over the one with which its poses were computed.
+    remedies : Remedies
+        What messages say to do.
 
     Raises
     ------
@@ -114,7 +160,7 @@ def interpret(
         size.
     """
     robot_mm, board_mm = _positions_mm(robot, "robot"), board_size * _positions_mm(board, "board")
-    ways = _ways(robot, board)
+    ways = _ways(robot, board, remedies)
     _check_turning(ways[0].motions(robot_mm, board_mm, eye_in_hand)[0][ways[0].test.agree], eye_in_hand)
     found = [(way, dict(way.fits(robot_mm, board_mm, eye_in_hand))) for way in ways]
     found.sort(key=lambda one: one[1][WAYS[0]].rms_mm)
@@ -123,7 +169,7 @@ def interpret(
     if not fits[WAYS[0]].rms_mm <= MISFIT * spread:
         others = [one for one in _passing(robot.forms, board.forms) if one.forms not in [w.forms for w in ways]]
         refits = [(one, dict(one.fits(robot_mm, board_mm, eye_in_hand))[WAYS[0]].rms_mm) for one in others]
-        _refuse_misfit([one[1] for one in found], _forms_named(refits, robot, board), spread, eye_in_hand)
+        _refuse_misfit([one[1] for one in found], _forms_named(refits, robot, board), spread, eye_in_hand, remedies)
     sentences = []
     asked = [(of, one, form) for of, one, form in (("board", board, way.board_form), ("robot", robot, way.robot_form))
              if one.form is None and len(one.forms) > 1]  # fmt: skip
@@ -141,7 +187,7 @@ def interpret(
     sentences += _wrong(way, board_mm, called)
     agree, start = way.test.agree, fits[WAYS[0]]
     A, C = (one[agree] for one in way.motions(robot_mm, board_mm, eye_in_hand))
-    sentences += [*_size(start), *_view(C)]
+    sentences += [*_size(start, remedies), *_view(C)]
     start = closed_form(A, C, sized=False)
     return Interpretation(np.flatnonzero(agree), A, C, way.test.rms_deg, start, tuple(sentences))
 
@@ -153,7 +199,7 @@ def _positions_mm(poses: Poses, of: str) -> FloatArray:
     return poses.positions * FACTOR[poses.unit]
 
 
-def _ways(robot: Poses, board: Poses) -> list[_Way]:
+def _ways(robot: Poses, board: Poses, remedies: Remedies) -> list[_Way]:
     """The ways to read the rotations in which the turns agree, as stated if they do."""
     for poses, of in ((robot, "robot"), (board, "board")):
         if not poses.forms or (poses.form is not None and poses.form not in poses.forms):
@@ -174,10 +220,10 @@ def _ways(robot: Poses, board: Poses) -> list[_Way]:
         return other
     if (shift := shifted(first[0][1], first[1][1])) is not None:
         problem += f"; with the images {number_of(abs(shift), 'row')} {'earlier' if shift > 0 else 'later'} they agree"
-        hint = f"the first {'images have' if shift > 0 else 'poses have'} no {'pose' if shift > 0 else 'image'}"
-        raise InputError(problem, hint=hint)
-    hint = "are rows and images of the same poses, in the same order, with the arm at rest?"
-    contradict(InputError(problem, hint=hint))
+        alone, missing = ("image", "pose") if shift > 0 else ("pose", "image")
+        ends = f"the first {alone} has" if abs(shift) == 1 else f"the first {abs(shift)} {alone}s have"
+        raise InputError(problem, hint=f"pair each pose with its own image: {ends} no {missing}")
+    contradict(InputError(problem, hint=remedies.paired))
     return [way]
 
 
@@ -216,7 +262,10 @@ def _wrong(way: _Way, board_mm: FloatArray, called: Callable[[int], str]) -> lis
     listed = "; ".join(f"{what}: {', '.join(map(called, rows))}" for what, rows in named.items())
     left = number_of(n - int(test.agree.sum()), "image")
     if 1 - test.share > FEW_WRONG:
-        contradict(InputError(f"{left} of {n} contradict the others: {listed}", hint="mend or remove these images"))
+        hint = "pair or take these images anew, or remove their rows"
+        if all("turned" in what for what in named):
+            hint = "remove these rows, or take the images with a ChArUco board: half a turn does not map it onto itself"
+        contradict(InputError(f"{left} of {n} contradict the others: {listed}", hint=hint))
     return [f"Ignored, as robot and camera turn differently: {left} of {n}. {listed[0].upper()}{listed[1:]}."]
 
 
@@ -227,7 +276,11 @@ def _forms_named(refits: list[tuple[_Way, float]], robot: Poses, board: Poses) -
 
 
 def _refuse_misfit(
-    found: list[dict[str, ClosedForm]], others: list[tuple[float, str, str]], spread: float, eye_in_hand: bool
+    found: list[dict[str, ClosedForm]],
+    others: list[tuple[float, str, str]],
+    spread: float,
+    eye_in_hand: bool,
+    remedies: Remedies,
 ) -> None:
     """Refuse poses whose positions fit another way, or none."""
     rms = found[0][WAYS[0]].rms_mm
@@ -238,11 +291,11 @@ def _refuse_misfit(
     misses += f" with the camera {where}"
     best = {way: min(fits[way].rms_mm for fits in found) for way in WAYS[1:]}
     left = best["inverted"]
-    words = (
-        f"with the camera {elsewhere} it is {left:.3g} mm. If the camera is {where}, the poses of robot or board are "
-        "inverted"
-    )
-    named = [(left, words, f"{option}, or --invert board (or robot)")]
+    words, hint = f"with the camera {elsewhere} it is {left:.3g} mm", option
+    if remedies.inverted:
+        words += f". If the camera is {where}, the poses of robot or board are inverted"
+        hint += ", or --invert board (or robot)"
+    named = [(left, words, hint)]
     for of in ("board", "robot"):
         left = best[f"{of} transposed"]
         named.append((left, f"it is {left:.3g} mm if {TRANSPOSED.format(of)}", "transpose the matrices"))
@@ -268,15 +321,16 @@ def _check_turning(A: FloatArray, eye_in_hand: bool) -> None:
         )
 
 
-def _size(start: ClosedForm) -> list[str]:
+def _size(start: ClosedForm, remedies: Remedies) -> list[str]:
     """What the positions say of the board's size and of the focal length."""
     off, std = abs(start.size - 1), max(start.size_std, 1e-12)
     sentences = []
     u = f"{start.size:.4g} (u {start.size_std:.1g})"
     if off > REFUSED_SIZE[0] and off > REFUSED_SIZE[1] * std:
-        unit = next((": mm taken for m, or m for mm" for one in (1e3, 1e-3) if abs(start.size / one - 1) < 0.2), "")
-        hint = f"measure the squares of the board; --board-size {start.size:.4g} corrects the poses"
-        contradict(InputError(f"the board is {u} times the size that its poses have{unit}", hint=hint))
+        factor = next((one for one in (1e3, 1e-3) if abs(start.size / one - 1) < 0.2), None)
+        unit = "" if factor is None else ": mm taken for m, or m for mm"
+        hint = remedies.sized.format(size=f"{factor or start.size:.4g}")
+        contradict(InputError(f"the board is {u} times {remedies.size_of}{unit}", hint=hint))
     elif off > SAID_SIZE[0] and off > SAID_SIZE[1] * std:
         sentences.append(
             f"The arm's lengths say that the board is {u} times as large as its poses have it: measure its squares."
