@@ -10,6 +10,7 @@ from truearm.files.toml_documents import parse_toml
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.krl import Krl
 from truearm.wings.exports.programs.languages import language_of
+from truearm.wings.exports.programs.number_texts import new_numbers
 from truearm.wings.exports.programs.program import Surroundings, with_edits
 
 POSE = "{X 600,Y 0.5,Z -7.25,A 90,B 10.0,C -3.5e1,S 2,T 35,E1 0.0,E2 0}"
@@ -153,3 +154,13 @@ def test_an_external_axis_that_moves_is_noted():
 def test_a_damaged_file_is_refused(text, problem):
     with pytest.raises(InputError, match=problem):
         read(text)
+
+
+def test_whole_numbers_take_the_decimals_of_their_own_change():
+    """Near B = 90 deg the angles are another set by 89 deg: they, and the position, keep what is corrected."""
+    (target,) = read(source(BOTH + "LIN {X 900,Y 100,Z 800,A 0,B 90,C 0}")).targets
+    values = {"X": 900.21, "Y": 100.0, "Z": 799.897, "A": -89.1234, "B": 89.9966, "C": -89.1261}
+    found = {name: float(text) for name, text in new_numbers(Krl(), target, values).items()}
+    written = [found.get(name, target.numbers[name].value) for name in values]
+    np.testing.assert_allclose(written[:3], list(values.values())[:3], atol=0.005)  # mm
+    np.testing.assert_allclose(written[3:], list(values.values())[3:], atol=0.0005)  # deg

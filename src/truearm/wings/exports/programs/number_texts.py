@@ -12,11 +12,13 @@ from truearm.wings.exports.programs.program import Language, Number, Target
 
 # The unit of the last digit is at most this share of the largest change: rounding is half of that.
 _DIGIT = 0.05
+# A larger change is another set of the same angles, as near B = 90 deg: its last digit is that of a change of so much.
+_ANOTHER_SET, _USUAL = 1.0, 0.02
 # Of metres and rad: lengths that cancel between parallel axes are some kilometres.
 _LARGEST = 1e6
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SIX = re.compile(rf"\s*({NUMBER})\s*" + rf",\s*({NUMBER})\s*" * 5)
-_JOINT = re.compile(r"(?:.*\.)?[ja]\d")
+_JOINT = re.compile(r"(?:.*\.)?[jaA]\d")
 
 
 def six_numbers(text: str, start: int) -> list[Number] | None:
@@ -41,6 +43,7 @@ def new_numbers(language: Language, target: Target, values: Mapping[str, float])
         decimals = max(map(_decimals, before))
         change = max(abs(one - other) for one, other in zip(old, new, strict=True))
         if change > 0:
+            change = _USUAL if change > _ANOTHER_SET and _kind_of(names[0]) == "orientation" else change
             decimals = max(decimals, min(ceil(-log10(_DIGIT * change)), language.decimals))
         for name, number, was, value in zip(names, before, old, new, strict=True):
             text = language.number_text(number, value, decimals)
@@ -59,7 +62,7 @@ def _by_kind(names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
 
 
 def _kind_of(name: str) -> str:
-    if name.rpartition(".")[2] in ("x", "y", "z"):
+    if name.rpartition(".")[2] in ("x", "y", "z", "X", "Y", "Z"):
         return name.rpartition(".")[0] + "position"
     return "joints" if _JOINT.fullmatch(name) else "orientation"
 
