@@ -107,7 +107,9 @@ def test_an_image_without_a_board_is_said_to_have_none():
     detector = Detector(parse_board("charuco:8x11,15mm,11mm"))
     rng = np.random.default_rng(0)
     assert "too dark or too bright" in detector.find(np.full((480, 640), 3, np.uint8)).problem
-    assert detector.find(rng.integers(0, 256, (480, 640), dtype=np.uint8)).problem == "no board found"
+    assert detector.find(rng.integers(0, 256, (480, 640), dtype=np.uint8)).problem.startswith(
+        "no board found: its markers"
+    )
     assert detector.find(np.zeros((5, 5), np.uint8)).problem
 
 

@@ -212,6 +212,14 @@ def test_images_of_other_poses_are_named(rows, said):
     assert "exchanged among these" in " ".join(map(str, found.findings))
 
 
+def test_images_that_contradict_are_to_be_removed_where_no_reading_is_renumbered():
+    cell, session, pixels = measured()
+    turned = replace(pixels, corner=np.where(pixels.reading < 16, 87 - pixels.corner, pixels.corner))
+    with pytest.raises(InputError, match=r"half turned about its z axis: image 1 \(reading 1\)") as error:
+        fit_images("ur5", session, turned, board=cell.board, model="kinematic")
+    assert (error.value.hint or "").startswith("remove the rows of these images from the table of pixels")
+
+
 def test_the_camera_is_not_where_it_is_stated():
     """Poses by corners are not inverted: there is one remedy."""
     cell, session, pixels = measured()

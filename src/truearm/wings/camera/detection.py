@@ -261,7 +261,7 @@ class Detector:
             return "no board found; the image is too dark or too bright to show one"
         if board.kind == "chessboard":
             return f"no board found: {board.across} x {board.down} inner corners must all be in the image"
-        return "no board found"
+        return "no board found: its markers are too small or not sharp, or not in the image"
 
     @property
     def _n_markers(self) -> int:

@@ -41,6 +41,8 @@ class Remedies:
     ----------
     paired : str
         Where robot and camera turn differently.
+    removed : str
+        Where some images contradict the others.
     inverted : bool
         Whether poses may be inverted; ``--invert`` says so then.
     size_of : str
@@ -50,21 +52,24 @@ class Remedies:
     """
 
     paired: str
+    removed: str
     inverted: bool
     size_of: str
     sized: str
 
 
-PAIRED = "are rows and images of the same poses, in the same order, with the arm at rest?"
+PAIRED = "check that rows and images are of the same poses, in the same order, with the arm at rest"
 # Poses that others computed, and poses by corners in images.
 OF_POSES = Remedies(
     paired=PAIRED,
+    removed="remove these rows",
     inverted=True,
     size_of="the size that its poses have",
     sized="measure the squares of the board; --board-size {size} corrects the poses",
 )
 OF_IMAGES = Remedies(
-    paired=f"{PAIRED} Is it this arm?",
+    paired=f"{PAIRED}, and that it is this arm",
+    removed="remove the rows of these images from the table of pixels",
     inverted=False,
     size_of="its stated size",
     sized="measure the squares of the board, and state their side in --board",
@@ -184,7 +189,7 @@ def interpret(
             "turns and positions agree."
             for of, one, form in asked
         ]
-    sentences += _wrong(way, board_mm, called)
+    sentences += _wrong(way, board_mm, called, remedies)
     agree, start = way.test.agree, fits[WAYS[0]]
     A, C = (one[agree] for one in way.motions(robot_mm, board_mm, eye_in_hand))
     sentences += [*_size(start, remedies), *_view(C)]
@@ -253,7 +258,7 @@ def _passing(robot: dict[str, Rotation], board: dict[str, Rotation]) -> list[_Wa
     return [way for way in found if way.test.rms_deg < 2 * least + 0.1]
 
 
-def _wrong(way: _Way, board_mm: FloatArray, called: Callable[[int], str]) -> list[str]:
+def _wrong(way: _Way, board_mm: FloatArray, called: Callable[[int], str], remedies: Remedies) -> list[str]:
     """What is wrong with the images that do not agree; many are refused."""
     test, n = way.test, len(way.test.agree)
     if test.agree.all():
@@ -262,9 +267,9 @@ def _wrong(way: _Way, board_mm: FloatArray, called: Callable[[int], str]) -> lis
     listed = "; ".join(f"{what}: {', '.join(map(called, rows))}" for what, rows in named.items())
     left = number_of(n - int(test.agree.sum()), "image")
     if 1 - test.share > FEW_WRONG:
-        hint = "pair or take these images anew, or remove their rows"
+        hint = f"pair these images with their own poses, or {remedies.removed}"
         if all("turned" in what for what in named):
-            hint = "remove these rows, or take the images with a ChArUco board: half a turn does not map it onto itself"
+            hint = f"{remedies.removed}, or use a ChArUco board: half a turn does not map it onto itself"
         contradict(InputError(f"{left} of {n} contradict the others: {listed}", hint=hint))
     return [f"Ignored, as robot and camera turn differently: {left} of {n}. {listed[0].upper()}{listed[1:]}."]
 
