@@ -28,7 +28,9 @@ def fit_images(
     ] = None,
     model: options.ModelOption = "auto",
     force: options.Force = False,
-    details: Annotated[bool, Option("--details", help="Print what the fit of the arm says too.")] = False,
+    details: Annotated[
+        bool, Option("--details", help="Print groups of terms, what is not identifiable, and terms not offered too.")
+    ] = False,
     as_json: options.Json = False,
     **given: Any,
 ) -> None:

@@ -31,10 +31,14 @@ def hand_eye(
     frame_names: Annotated[
         str, Option(metavar="BASE,FLANGE,CAMERA", help="Names of the frames in --out.")
     ] = "base_link,tool0,camera_optical_frame",
-    out_model: Annotated[Path | None, Option(help="Model file of the identified arm to write.")] = None,
+    out_model: Annotated[
+        Path | None, Option(help="Where a model fitted to the readings is saved; replaces one of the same arm.")
+    ] = None,
     model: options.ModelOption = "kinematic",
     force: options.Force = False,
-    details: Annotated[bool, Option("--details", help="Print what the fit of the arm says too.")] = False,
+    details: Annotated[
+        bool, Option("--details", help="Print groups of terms, what is not identifiable, and terms not offered too.")
+    ] = False,
     as_json: options.Json = False,
     **given: Any,
 ) -> None:
