@@ -164,3 +164,94 @@ def test_whole_numbers_take_the_decimals_of_their_own_change():
     written = [found.get(name, target.numbers[name].value) for name in values]
     np.testing.assert_allclose(written[:3], list(values.values())[:3], atol=0.005)  # mm
     np.testing.assert_allclose(written[3:], list(values.values())[3:], atol=0.0005)  # deg
+
+
+BITS = "'H10'"
+CARTESIAN = "{X 600,Y 0,Z 700,A 0,B 90,C 0,S 2,T 35}"
+SETS = {
+    "increments": (f"DECL E6AXIS D1={JOINTS}\nPTP_REL D1", "D1", "increments"),
+    "increments that a move reaches too": (f"DECL E6AXIS D1={JOINTS}\nPTP D1\nPTP_REL D1", "D1", "increments"),
+    "a point as the base": (f"{BOTH}DECL POS B1={CARTESIAN}\n$BASE=B1\nPTP B1", "B1", "tool or base is set from it"),
+    "a point as an offset": (f"{BOTH}DECL POS O1={CARTESIAN}\nLIN XP1:O1", "O1", "a frame or an offset"),
+    "a literal times an offset": (f"{BOTH}LIN {CARTESIAN} : O1", f"LIN {CARTESIAN}", "computes it"),
+    "a spline's own tool": (f"{BOTH}SLIN {CARTESIAN} WITH $TOOL=TOOL_DATA[9]", "SLIN in line 6", "TOOL_DATA[9]"),
+    "a spline block's own base": (
+        f"{BOTH}SPLINE WITH $VEL.CP=1, $BASE=EK(MACHINE_DEF[2].ROOT, #EASYS, B) C_SPL\nSPL {CARTESIAN}\nENDSPLINE",
+        "SPL in line 7",
+        "external kinematic",
+    ),
+    "an FDAT of a spline": (
+        (
+            f"{BOTH}DECL FDAT FP7={{TOOL_NO 7,BASE_NO 2,IPO_FRAME #BASE}}\nSLIN {CARTESIAN} WITH "
+            "$VEL=SVEL_CP(0.1, ,L), $TOOL=STOOL2( FP7), $BASE=SBASE(FP7.BASE_NO), $ACC=S(L) C_SPL"
+        ),
+        "SLIN in line 7",
+        "TOOL_DATA[7]",
+    ),
+    "a fixed tool": (f"{BOTH}$IPO_MODE=#TCP\nLIN {CARTESIAN}", "LIN in line 7", "fixed in the cell"),
+    "an external base": (f"{BOTH}BAS(#EX_BASE,1)\nLIN {CARTESIAN}", "LIN in line 7", "external kinematic"),
+    "a computed tool": (f"{BOTH}$TOOL=MINE\nLIN {CARTESIAN}", "LIN in line 7", "MINE"),
+    "a changed component of the tool": (f"{BOTH}$TOOL.Z=1\nLIN {CARTESIAN}", "LIN in line 7", "$TOOL.Z"),
+    "tools of two branches": (
+        f"{BOTH}IF $IN[1] THEN\n$TOOL=TOOL_DATA[1]\nELSE\n$TOOL=TOOL_DATA[2]\nENDIF\nLIN {CARTESIAN}",
+        "LIN in line 11",
+        "branches",
+    ),
+    "a base of one case": (
+        f"{BOTH}SWITCH N\nCASE 1\nCASE 2\n$BASE=$NULLFRAME\nDEFAULT\nENDSWITCH\nLIN {CARTESIAN}",
+        "LIN in line 12",
+        "branches",
+    ),
+    "a base that is computed": (
+        f"BASE_DATA[2]={{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nBASE_DATA[2]=SEEN\n{BOTH}LIN {CARTESIAN}",
+        "LIN in line 8",
+        "changes while the program runs",
+    ),
+    "another point of an absolutely accurate robot": (
+        f"{BOTH}LIN {CARTESIAN}\nLIN {CARTESIAN.replace('S 2', 'S 18')}",
+        "LIN in line 6",
+        "absolutely accurate",
+    ),
+    "bits as a length": (f"{BOTH}LIN {CARTESIAN.replace('600', BITS)}", "LIN in line 6", "literal"),
+    "a number too large": (f"{BOTH}LIN {CARTESIAN.replace('600', '1E999')}", "LIN in line 6", "literal"),
+    "a status too large": (f"{BOTH}LIN {CARTESIAN.replace('S 2', 'S 1E999')}", "LIN in line 6", "literal"),
+    "a field twice": (f"{BOTH}LIN {CARTESIAN.replace('Z 7', 'Y 7')}", "LIN in line 6", "literal"),
+}
+
+
+@pytest.mark.parametrize("what", SETS)
+def test_what_is_no_target_and_what_has_other_frames_is_left(what):
+    body, name, reason = SETS[what]
+    program = read(source(body), "tool='1'\nwork='2'\n" + FRAMES)
+    assert name not in {target.name for target in program.targets}
+    assert reason in reasons(program)[name]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        f"IF A THEN\n{BOTH}ELSE\n{BOTH}ENDIF\nLIN {CARTESIAN}",
+        f"{BOTH}IF A THEN\nB=1\nENDIF\nLIN {CARTESIAN}",
+        f"{BOTH}SPLINE WITH $TOOL=TOOL_DATA[1],$BASE=BASE_DATA[2]\nSPL {CARTESIAN} WITH $VEL.CP=1 C_SPL\nENDSPLINE",
+        f"SLIN {CARTESIAN} WITH $BASE={{X 1,Y 2,Z 3,A 0,B 0,C 0}}, $TOOL=TOOL_DATA[1] C_DIS",
+        f"$IPO_MODE=#TCP\n$IPO_MODE=#BASE\n{BOTH}LIN {CARTESIAN}",
+    ],
+)
+def test_frames_of_branches_that_agree_and_of_splines_are_taken(body):
+    (target,) = read(source(body)).targets
+    assert target.T_flange_tool is not None
+    assert target.T_flange_tool[2, 3] == 120
+
+
+def test_points_that_others_are_computed_from_are_named():
+    program = read(source(f"{BOTH}DECL POS P1={CARTESIAN}\nLIN P1\nLIN P1:O1"))
+    assert [target.name for target in program.targets] == ["P1"]
+    assert any("P1 is used in a computation in line 8" in note for note in program.notes)
+
+
+def test_a_mark_of_utf8_stays_first():
+    text = f"\xef\xbb\xbfDEF made()\r\nPTP {JOINTS}\r\nEND"
+    program = read(text)
+    assert [target.name for target in program.targets] == ["PTP in line 2"]
+    edit = Krl().mark(program, "truearm")
+    assert with_edits(program.data, [edit]).startswith(b"\xef\xbb\xbfDEF made()\r\n; truearm\r\n")

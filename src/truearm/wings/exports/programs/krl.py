@@ -13,7 +13,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, isinf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,12 +36,13 @@ from truearm.wings.exports.programs.program import (
     Target,
     external_axes_note,
     line_end_of,
+    text_start,
     transform,
 )
 
 MAX_BYTES = 16 * 2**20
 _MOVES: dict[bytes, MoveKind] = {
-    **dict.fromkeys((b"PTP", b"SPTP"), "joint"),
+    **dict.fromkeys((b"PTP", b"SPTP", b"SPL"), "joint"),  # a spline is no straight move either
     **dict.fromkeys((b"LIN", b"SLIN"), "linear"),
     **dict.fromkeys((b"CIRC", b"SCIRC"), "circular"),
 }
@@ -57,12 +58,25 @@ _DECLARED = re.compile(
     rb"(?i)\s*(?:GLOBAL\s+)?(?:DECL\s+)?(?:GLOBAL\s+)?(?:CONST\s+)?(E6POS|POS|E6AXIS|AXIS|FRAME|FDAT)\s+(.*)"
 )
 _GIVEN = re.compile(rb"(?i)\s*(?:DECL\s+)?(" + _NAME + rb")\s*(\.\s*\w+\s*)?=\s*(.*)", re.DOTALL)
-_MOVED = re.compile(rb"(?i)\s*((?:S?PTP|S?LIN|S?CIRC)(?:_REL)?)\s+(?=[{\w$])(.*)", re.DOTALL)
+_MOVED = re.compile(rb"(?i)\s*((?:S?PTP|S?LIN|S?CIRC|SPL)(?:_REL)?)\s+(?=[{\w$])(.*)", re.DOTALL)
 _AGGREGATE = re.compile(rb"\{\s*(?:[A-Za-z_]\w*\s*:)?([^{}]*)\}")
 _GOAL = re.compile(rb"\s*(\{[^{}]*\}|[^,{}\s]*(?:\s*:\s*[^,{}\s]+)*)")
 _BAS = re.compile(rb"(?i)\s*BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\w+)\s*\)")
+_EXTERNAL_BASE = re.compile(rb"(?i)\s*BAS\s*\(\s*#EX_BASE\b")
 _DATA = re.compile(rb"(?i)(TOOL|BASE)_DATA\s*\[\s*(\d+)\s*\]")
+# What a spline move or block states for itself, after WITH.
+_WITH = re.compile(
+    rb"(?i)\$(TOOL|BASE|IPO_MODE)\s*=\s*((?:[^,{}()]|\{[^{}]*\}|\((?:[^()]|\([^()]*\))*\))*?)\s*(?:C_\w+\s*)?(?:,|$)"
+)
+_OF_FDAT = re.compile(rb"(?i)S(?:TOOL2?|BASE)\s*\(\s*(" + _NAME + rb")\s*(?:\.\s*\w+\s*)?\)")
+_WORDS = re.compile(rb"\$?[A-Za-z_][\w$]*")
+_BRANCH = re.compile(rb"(?i)\s*(IF|SWITCH|ELSE|CASE|DEFAULT|ENDIF|ENDSWITCH)(?![\w$])")
 _NULL = b"0"
+_SEVERAL = b"?"  # tools or bases of the branches of a program
+_REASONS = {
+    b"TCP": "its tool is fixed in the cell (IPO_FRAME #TCP)",
+    b"EK": "its base moves with an external kinematic",
+}
 
 
 class _Value(NamedTuple):
@@ -81,6 +95,36 @@ class _Line:
 
 # Numbers of tool and base, or None where they are not stated.
 _Frames = tuple[bytes | None, bytes | None]
+
+
+class _State(NamedTuple):
+    """Tool and base at a line, and whether the tool is fixed in the cell."""
+
+    tool: bytes | None = None
+    base: bytes | None = None
+    is_fixed: bool = False
+
+    @property
+    def frames(self) -> _Frames:
+        """As they are used by a move."""
+        return (b"TCP", b"TCP") if self.is_fixed else (self.tool, self.base)
+
+    def with_frame(self, which: bytes, number: bytes | None) -> _State:
+        """With another tool or base."""
+        return self._replace(tool=number) if which == b"TOOL" else self._replace(base=number)
+
+    def either(self, other: _State) -> _State:
+        """What holds after two branches."""
+        tool, base = (one if one == two else _SEVERAL for one, two in zip(self[:2], other[:2], strict=True))
+        return _State(tool, base, self.is_fixed or other.is_fixed)
+
+
+class _Branches(NamedTuple):
+    """An IF or SWITCH that is read: what holds before it, and after each of its branches."""
+
+    before: _State
+    after: list[_State] | None  # None: before the first branch
+    has_all: bool = False  # one of its branches is taken
 
 
 class Krl(Language):
@@ -124,8 +168,10 @@ class Krl(Language):
 
     def mark(self, program: Program, words: str) -> Edit:
         """See `Language`."""
-        head = re.search(rb"(?im)^[ \t]*(?:GLOBAL[ \t]+)?DEF(?:FCT|DAT)?[ \t][^\r\n]*(?:\r\n|\n|\r)", program.data)
-        at = head.end() if head else 0
+        head = re.search(
+            rb"(?im)^(?:\xef\xbb\xbf)?[ \t]*(?:GLOBAL[ \t]+)?DEF(?:FCT|DAT)?[ \t][^\r\n]*(?:\r\n|\n|\r)", program.data
+        )
+        at = head.end() if head else text_start(program.data)
         return Edit(at, at, b"; " + words.encode("ascii") + line_end_of(program.data))
 
 
@@ -139,6 +185,11 @@ class _File:
         self.fdat: dict[bytes, _Frames] = {}
         self.uses: defaultdict[bytes, dict[_Frames, int]] = defaultdict(dict)
         self.frames: dict[tuple[bytes, bytes], FloatArray] = {}
+        self.changed: set[tuple[bytes, bytes]] = set()
+        self.bases: dict[bytes, int] = {}
+        self.factors: dict[bytes, int] = {}
+        self.increments: dict[bytes, int] = {}
+        self.is_accurate = False
         self.left: list[LeftAlone] = []
         self.notes: list[str] = []
         self.found: list[tuple[bytes | None, str, int, _Value, _Frames]] = []
@@ -150,8 +201,9 @@ class _File:
         self._check_ends()
         others = [list(_lines(data)) for data in self._companions()]
         for lines in (*others, self.lines):
+            of_file: dict[tuple[bytes, bytes], bytes] = {}
             for line in lines:
-                self._declare(line.code)
+                self._declare(line.code, of_file)
         for lines in others:
             self._walk(lines, is_own=False)
         self._walk(self.lines, is_own=True)
@@ -162,11 +214,16 @@ class _File:
             if isinstance(goal, bytes) and goal not in here:
                 reason = "the program computes it" if goal[:1] == b"$" else "its numbers are in another file"
                 self.left.append(LeftAlone(number, _text(goal), reason))
+        statuses = [_whole(value.numbers["S"].text) for *_, value, _ in self.found if "S" in value.numbers]
+        self.is_accurate = any(status is not None and status < 32 and status & 16 for status in statuses)
         targets: list[Target] = []
         numbers: dict[bytes | int | None, int] = {}
         for key, found in enumerate(self.found):
             if (target := self._target(*found)) is not None:
                 numbers[key] = numbers[found[0] or key] = len(targets)
+                if (at := self.factors.get((found[0] or b"").partition(b"[")[0])) is not None:
+                    name = found[1]
+                    self.notes.append(f"{name} is used in a computation in line {at}: the result has its correction.")
                 targets.append(target)
         moves = tuple(Move(number, kind, numbers.get(goal)) for number, kind, goal in self.moves)
         external = [
@@ -199,12 +256,15 @@ class _File:
                 yield data
                 return
 
-    def _declare(self, code: bytes) -> None:
-        """Types of names, FDAT, and the values of tools and bases."""
-        if b"=" in code and (given := _GIVEN.fullmatch(code)) and (at := _DATA.fullmatch(given[1])) and not given[2]:
-            value = _aggregate(given[3], 0)
-            if value is not None and set(_POSE) <= set(value.numbers):
-                self.frames[at[1].upper(), at[2]] = _frame(value.numbers)
+    def _declare(self, code: bytes, of_file: dict[tuple[bytes, bytes], bytes]) -> None:
+        """Types of names, FDAT, and the values of tools and bases; `of_file` are those that the file has so far."""
+        if b"=" in code and (given := _GIVEN.fullmatch(code)) and (at := _DATA.fullmatch(given[1])):
+            value, key = _aggregate(given[3], 0), (at[1].upper(), at[2])
+            is_whole = not given[2] and value is not None and set(_POSE) <= set(value.numbers)
+            if not is_whole or of_file.setdefault(key, given[3].strip()) != given[3].strip():
+                self.changed.add(key)
+            elif value is not None:
+                self.frames[key] = _frame(value.numbers)
         declared = _DECLARED.fullmatch(code)
         if declared is None:
             return
@@ -220,25 +280,48 @@ class _File:
 
     def _walk(self, lines: list[_Line], *, is_own: bool) -> None:
         """Follow the lines of a file in their order: tool and base, moves and values."""
-        tool: bytes | None = None
-        base: bytes | None = None
+        state, block = _State(), b""
+        branches: list[_Branches] = []
         for line in lines:
             code = line.code
             if re.match(rb"(?i)\s*(?:GLOBAL\s+)?DEF(?:FCT)?\s", code):
-                tool = base = None
+                state, branches = _State(), []
+            elif branch := _BRANCH.match(code):
+                state = _branched(branch[1].upper(), state, branches)
             elif bas := _BAS.match(code):
-                tool, base = (bas[2], base) if bas[1].upper() == b"TOOL" else (tool, bas[2])
+                state = state.with_frame(bas[1].upper(), bas[2])
+            elif _EXTERNAL_BASE.match(code):
+                state = state._replace(base=b"EK")
+            elif spline := re.match(rb"(?i)\s*(PTP_)?(END)?SPLINE(?![\w$])", code):
+                block = b"" if spline[2] else code
             elif moved := _MOVED.fullmatch(code):
-                self._move(line, moved, (tool, base), is_own=is_own)
+                within = self._with(block, line, state)
+                self._move(line, moved, self._with(code, line, within).frames, is_own=is_own)
             elif b"=" in code and (given := _given(code)) is not None:
                 word = _word(given[1])
                 if word == b"FDAT_ACT":
-                    tool, base = self.fdat.get(_word(given[3]), (None, None))
-                elif word in (b"$TOOL", b"$BASE"):
-                    stated = self._stated(word[1:], line, given[3])
-                    tool, base = (stated, base) if word == b"$TOOL" else (tool, stated)
-                elif is_own:
-                    self.given.append((line, given))
+                    state = _State(*self.fdat.get(_word(given[3]), (None, None)))
+                elif word in (b"$TOOL", b"$BASE", b"$IPO_MODE"):
+                    state = self._set(state, word[1:], line, given[1] + given[2] if given[2] else given[3])
+                else:
+                    if b":" in re.sub(rb"\{[^{}]*\}", b"", given[3]):
+                        self.factors |= {name.upper(): line.number for name in _WORDS.findall(given[3])}
+                    if is_own:
+                        self.given.append((line, given))
+
+    def _set(self, state: _State, which: bytes, line: _Line, text: bytes) -> _State:
+        """What holds after a line has set $TOOL, $BASE or $IPO_MODE."""
+        if which != b"IPO_MODE":
+            return state.with_frame(which, self._stated(which, line, text))
+        # That of an FDAT is known with its tool.
+        return state if text.strip()[:1] != b"#" else state._replace(is_fixed=_word(text) == b"#TCP")
+
+    def _with(self, code: bytes, line: _Line, state: _State) -> _State:
+        """What holds for a move or block that states its own tool and base."""
+        for after in re.split(rb"(?i)\bWITH\b", code, maxsplit=1)[1:]:
+            for one in _WITH.finditer(after):
+                state = self._set(state, one[1].upper(), line, one[2])
+        return state
 
     def _stated(self, which: bytes, line: _Line, text: bytes) -> bytes | None:
         """The number of the frame that a line sets; a literal one gets a number of its own."""
@@ -246,12 +329,15 @@ class _File:
             return at[2]
         if text.strip().upper() == b"$NULLFRAME":
             return _NULL
+        if (of_fdat := _OF_FDAT.fullmatch(text.strip())) and _word(of_fdat[1]) in self.fdat:
+            return self.fdat[_word(of_fdat[1])][which == b"BASE"]
         value = _aggregate(text, 0)
         if value is not None and set(_POSE) <= set(value.numbers):
             own = b"line %d" % line.number
             self.frames[which, own] = _frame(value.numbers)
             return own
-        return b"EK" if re.match(rb"(?i)\s*EK\s*\(", text) else None
+        self.bases |= {name.upper(): line.number for name in _WORDS.findall(re.sub(rb"\{[^{}]*\}", b"", text))}
+        return b"EK" if re.match(rb"(?i)\s*EK\s*\(", text) else _word(text)
 
     def _move(self, line: _Line, moved: re.Match[bytes], frames: _Frames, *, is_own: bool) -> None:
         word, at = moved[1].upper(), 0
@@ -261,14 +347,21 @@ class _File:
             at = goal.end() + (moved[2][goal.end() : goal.end() + 1] == b",")
             text = goal[1]
             name = _word(text)
-            if name and re.fullmatch(_NAME, text.strip()):
-                self.uses[name].setdefault(frames, line.number)
+            if b":" in text and text[:1] != b"{":
+                self.factors |= {one.upper(): line.number for one in _WORDS.findall(text)}
+            elif name and re.fullmatch(_NAME, text.strip()):
+                if word.endswith(b"_REL"):
+                    self.increments[name.partition(b"[")[0]] = line.number
+                else:
+                    self.uses[name].setdefault(frames, line.number)
             if not is_own:
                 continue
             key: bytes | int | None = None
             shown = f"{word.decode()} {_text(text)}"
             if word.endswith(b"_REL"):
                 self.left.append(LeftAlone(line.number, shown, "its numbers are increments"))
+            elif text[:1] == b"{" and moved[2][goal.end() :].lstrip()[:1] == b":":
+                self.left.append(LeftAlone(line.number, shown, "the program computes it"))
             elif text[:1] == b"{":
                 value = _aggregate(text, line.start + moved.start(2) + goal.start(1))
                 key = self._add(None, f"{word.decode()} in line {line.number}", line.number, value, frames)
@@ -292,7 +385,14 @@ class _File:
             if looks and kind is None and not base.startswith(b"$") and not _DATA.fullmatch(given[1]):
                 self.left.append(LeftAlone(line.number, name, "its type is not declared in this file"))
             return
-        if given[2]:
+        if base in self.increments:
+            self.left.append(LeftAlone(line.number, name, f"increments of the move in line {self.increments[base]}"))
+        elif base in self.bases:
+            self.left.append(LeftAlone(line.number, name, f"a tool or base is set from it in line {self.bases[base]}"))
+        elif base in self.factors and word not in self.uses:
+            reason = f"a frame or an offset: poses are computed with it in line {self.factors[base]}"
+            self.left.append(LeftAlone(line.number, name, reason))
+        elif given[2]:
             self.left.append(LeftAlone(line.number, _text(given[1] + given[2]), "the program computes it"))
         elif text.lstrip()[:1] != b"{":
             self.left.append(LeftAlone(line.number, name, "the program computes it"))
@@ -331,6 +431,9 @@ class _File:
             left("some of X, Y, Z, A, B, C are missing: those keep the last value")
             return None
         conditions: tuple[Condition, ...] = ()
+        if self.is_accurate and not ("S" in numbers and (_whole(numbers["S"].text) or 0) & 16):
+            left("of an absolutely accurate robot by other points (bit 4 of S), whose controller corrects already")
+            return None
         if {"S", "T"} <= set(numbers):
             status, turn = (_whole(numbers[one].text) for one in "ST")
             if status is None or turn is None or status & 8 or not 0 <= turn < 64 or status > 31:
@@ -358,21 +461,24 @@ class _File:
     def _frame(self, which: bytes, number: bytes | None) -> tuple[FloatArray | None, str]:
         """A tool in the flange, or a base in the base of the arm; or what is to be stated."""
         frames, what = self.beside.frames, which.decode().lower()
-        if number == b"TCP":
-            return None, "its tool is fixed in the cell (IPO_FRAME #TCP)"
-        if number == b"EK":
-            return None, "its base moves with an external kinematic"
+        if number in _REASONS:
+            return None, _REASONS[number]
+        if number == _SEVERAL:
+            return None, f"branches of the program set its {what} to several"
+        if (which, number) in self.changed:
+            return None, f"{_text(which + b'_DATA[' + (number or b''))}] changes while the program runs"
         motion = np.eye(4) if number == _NULL else self.frames.get((which, number or b""))
         if motion is not None:
             return (motion if which == b"TOOL" else frames.in_base(motion)), ""
         name = None if number is None else number.decode("latin-1")
         stated = frames.tool_of(name) if which == b"TOOL" else frames.work_of(name)
-        lacks = f"its {what} is not stated" if name is None else f"{which.decode()}_DATA[{name}] is not in this program"
+        numbered = name if name is None or not name.isdigit() else f"{which.decode()}_DATA[{name}]"
+        lacks = f"its {what} is not stated" if name is None else f"{numbered} is not in this program"
         return stated, f"{lacks}: state it in --frames"
 
 
 def _lines(data: bytes) -> Iterator[_Line]:
-    for number, match in enumerate(_LINE.finditer(data), 1):
+    for number, match in enumerate(_LINE.finditer(data, text_start(data)), 1):
         text = match[0].rstrip(b"\r\n")
         code = _CODE.match(text)
         assert code is not None  # it may be empty
@@ -380,6 +486,23 @@ def _lines(data: bytes) -> Iterator[_Line]:
             raise InputError("a bracket { is not closed", line=number)
         if match[0]:
             yield _Line(number, match.start(), b"" if text.lstrip()[:1] == b"&" else code[0])
+
+
+def _branched(word: bytes, state: _State, branches: list[_Branches]) -> _State:
+    """What holds after a line that begins, changes or ends a branch."""
+    if word in (b"IF", b"SWITCH"):
+        branches.append(_Branches(state, [] if word == b"IF" else None))
+        return state
+    if not branches:
+        return state
+    now = branches.pop()
+    after = [] if now.after is None else [*now.after, state]
+    if word in (b"ENDIF", b"ENDSWITCH"):
+        for one in after if now.has_all else [*after, now.before]:
+            state = state.either(one)
+        return state
+    branches.append(_Branches(now.before, after, now.has_all or word in (b"ELSE", b"DEFAULT")))
+    return now.before
 
 
 def _read_any(folder: Path, name: str) -> Iterator[bytes]:
@@ -410,6 +533,8 @@ def _aggregate(text: bytes, start: int) -> _Value | None:
             has_more = True
         else:
             name = field[1].decode().upper()
+            # Twice, too large, or bits where a length or an angle is expected.
+            has_more |= name in numbers or (name not in ("S", "T") if field[2][:1] == b"'" else isinf(float(field[2])))
             numbers[name] = Number(at + field.start(2), at + field.end(2), field[2])
         at += len(part) + 1
     return _Value(numbers, has_more)

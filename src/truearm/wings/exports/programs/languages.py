@@ -5,7 +5,7 @@ from __future__ import annotations
 from truearm.wings.exports.programs.fanuc_ls import FanucListing
 from truearm.wings.exports.programs.krl import Krl
 from truearm.wings.exports.programs.polyscope import PolyScope
-from truearm.wings.exports.programs.program import Language
+from truearm.wings.exports.programs.program import Language, text_start
 from truearm.wings.exports.programs.rapid import Rapid
 from truearm.wings.exports.programs.urscript import URScript
 from truearm.wings.exports.programs.yaskawa_jbi import YaskawaJob
@@ -21,4 +21,5 @@ UNREADABLE = {
 
 def language_of(data: bytes) -> Language | None:
     """The language of a file, by its content."""
-    return next((language for language in LANGUAGES if language.recognises(data)), None)
+    text = data[text_start(data) :]
+    return next((language for language in LANGUAGES if language.recognises(text)), None)

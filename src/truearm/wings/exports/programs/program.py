@@ -23,6 +23,7 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.frames_file import FramesFile
 
+_UTF8 = b"\xef\xbb\xbf"
 NOT_THERE = 8.9e9  # 9E9 of RAPID: no such axis
 
 MoveKind = Literal["joint", "linear", "circular"]
@@ -269,6 +270,11 @@ def with_edits(data: bytes, edits: Sequence[Edit]) -> bytes:
         parts += [data[at : edit.start], edit.text]
         at = edit.end
     return b"".join([*parts, data[at:]])
+
+
+def text_start(data: bytes) -> int:
+    """Where the text of a program begins: after the mark of UTF-8, which editors of PCs write."""
+    return len(_UTF8) if data.startswith(_UTF8) else 0
 
 
 def line_of(data: bytes, at: int) -> int:
