@@ -173,6 +173,7 @@ SETS = {
     "increments that a move reaches too": (f"DECL E6AXIS D1={JOINTS}\nPTP D1\nPTP_REL D1", "D1", "increments"),
     "a point as the base": (f"{BOTH}DECL POS B1={CARTESIAN}\n$BASE=B1\nPTP B1", "B1", "tool or base is set from it"),
     "a point as an offset": (f"{BOTH}DECL POS O1={CARTESIAN}\nLIN XP1:O1", "O1", "a frame or an offset"),
+    "an offset of a literal": (f"{BOTH}DECL POS O1={CARTESIAN}\nLIN {CARTESIAN}:O1", "O1", "a frame or an offset"),
     "a literal times an offset": (f"{BOTH}LIN {CARTESIAN} : O1", f"LIN {CARTESIAN}", "computes it"),
     "a spline's own tool": (f"{BOTH}SLIN {CARTESIAN} WITH $TOOL=TOOL_DATA[9]", "SLIN in line 6", "TOOL_DATA[9]"),
     "a spline block's own base": (

@@ -248,3 +248,55 @@ def test_truncated_anywhere_it_is_refused_or_read_in_part():
     for end in range(len(b"MODULE Made"), len(text) - len(b"\nENDMODULE\n")):
         with pytest.raises(InputError, match=r"cut off|not closed|no end"):
             Rapid().read(text[:end], Surroundings())
+
+
+TOOL_120 = "PERS tooldata t1:=[TRUE,[[0,0,120],[1,0,0,0]],[1,[0,0,60],[1,0,0,0],0,0,0]];\n"
+MOVE = f"MoveL {POSE},v1,fine,t1\\WObj:=wobj0;\n"
+
+
+@pytest.mark.parametrize(
+    ("other", "is_left"),
+    [
+        (TOOL_120.replace("PERS", "VAR").replace("120", "220"), True),
+        (TOOL_120.replace("PERS", "VAR").replace("120", "120.0"), False),
+        ("", False),
+    ],
+)
+def test_a_tool_that_is_declared_twice_is_not_taken_for_the_last(other, is_left):
+    body = f"{TOOL_120}PROC a()\n{MOVE}ENDPROC\nPROC b()\n{other}{MOVE}ENDPROC"
+    program = read(module(body), "")
+    assert len(found(program)) == (0 if is_left else 2)
+    assert all("declared in several places" in why for why in reasons(program).values())
+
+
+def test_the_first_move_of_a_procedure_with_parameters_is_read():
+    body = f"{TOOL_120}PROC a(robtarget q, VAR num n{{*}}, PERS num k)\n{MOVE}ENDPROC\nPROC b(VAR num n)\n{MOVE}ENDPROC"
+    assert found(read(module(body), "")) == ["MoveL in line 4", "MoveL in line 7"]
+
+
+def test_dimensions_of_an_array_may_be_names():
+    body = f"{TOOL_120}CONST robtarget p{{n,m}}:=[[{POSE},{POSE}]];\nPROC b()\nMoveL p{{1,2}},v1,fine,t1;\nENDPROC"
+    assert found(read(module(body), "")) == ["p{1}{1}", "p{1}{2}"]
+
+
+@pytest.mark.parametrize(
+    ("statement", "name"),
+    [("t1.tframe.trans.z:=10;", "t1"), ("w1.uframe:=DefFrame(a,b,c);", "w1"), ("SoftAct 1,50;", "SoftAct")],
+)
+def test_what_changes_frames_while_the_program_runs_is_said(statement, name):
+    work = 'PERS wobjdata w1:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
+    body = f"{TOOL_120}{work}\nPROC b()\n{statement}\nENDPROC"
+    assert any(note.startswith(f"{name} ") for note in read(module(body), "").notes)
+
+
+def test_an_external_axis_away_from_zero_is_said():
+    body = TOOL_120 + "PROC a()\n" + MOVE.replace(NONE, NONE.replace("9E9", "1500", 1)) + "ENDPROC"
+    assert any("External axis 1 at 1500" in note for note in read(module(body), "").notes)
+
+
+def test_a_mark_of_utf8_stays_first():
+    text = f"\xef\xbb\xbfMODULE Made\r\nCONST jointtarget j1:={JOINTS};\r\nENDMODULE\r\n"
+    program = read(text)
+    assert found(program) == ["j1"]
+    new = with_edits(program.data, [Rapid().mark(program, "truearm")])
+    assert new.startswith(b"\xef\xbb\xbfMODULE Made\r\n! truearm\r\n")

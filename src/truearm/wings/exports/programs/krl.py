@@ -347,7 +347,10 @@ class _File:
             at = goal.end() + (moved[2][goal.end() : goal.end() + 1] == b",")
             text = goal[1]
             name = _word(text)
-            if b":" in text and text[:1] != b"{":
+            is_factor = text[:1] == b"{" and moved[2][goal.end() :].lstrip()[:1] == b":"
+            if is_factor:
+                self.factors |= {one.upper(): line.number for one in _WORDS.findall(moved[2][goal.end() :])}
+            elif b":" in text and text[:1] != b"{":
                 self.factors |= {one.upper(): line.number for one in _WORDS.findall(text)}
             elif name and re.fullmatch(_NAME, text.strip()):
                 if word.endswith(b"_REL"):
@@ -360,7 +363,7 @@ class _File:
             shown = f"{word.decode()} {_text(text)}"
             if word.endswith(b"_REL"):
                 self.left.append(LeftAlone(line.number, shown, "its numbers are increments"))
-            elif text[:1] == b"{" and moved[2][goal.end() :].lstrip()[:1] == b":":
+            elif text[:1] == b"{" and is_factor:
                 self.left.append(LeftAlone(line.number, shown, "the program computes it"))
             elif text[:1] == b"{":
                 value = _aggregate(text, line.start + moved.start(2) + goal.start(1))

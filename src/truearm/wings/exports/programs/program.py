@@ -294,13 +294,21 @@ def line_end_of(data: bytes) -> bytes:
 
 
 def external_axes_note(rows: Iterable[Sequence[float]]) -> Iterator[str]:
-    """A note where external axes move between targets; `rows` have an axis' value, or 9E9, in every column."""
+    """Notes on external axes that move or stand away from zero; `rows` have an axis' value, or 9E9, in every column."""
     there = [{value for value in axis if abs(value) < NOT_THERE} for axis in zip(*rows, strict=True)]
     moving = [str(number) for number, values in enumerate(there, 1) if len(values) > 1]
     if moving:
         yield (
             f"External axis {', '.join(moving)} moves between targets: if it carries the robot (a rail), the base "
             "moves with it, and the corrections of Cartesian targets are wrong."
+        )
+    standing = [
+        f"{number} at {min(values):g}" for number, values in enumerate(there, 1) if len(values) == 1 and any(values)
+    ]
+    if standing:
+        yield (
+            f"External axis {', '.join(standing)} at all targets: if it carries the robot (a rail), state in --frames "
+            "where the base then is."
         )
 
 

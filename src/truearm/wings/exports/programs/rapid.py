@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import floor, hypot, inf
 from typing import NamedTuple, TypeAlias
 
@@ -35,6 +36,7 @@ from truearm.wings.exports.programs.program import (
     external_axes_note,
     line_end_of,
     line_of,
+    text_start,
     transform,
 )
 
@@ -55,7 +57,10 @@ _MOVES: dict[bytes, tuple[tuple[int, ...], MoveKind]] = {
     b"searchl": ((2,), "linear"),
     b"searchc": ((2, 3), "circular"),
 }
-_SHIFTS = (b"pdispon", b"pdispset", b"eoffson", b"eoffsset", b"corrcon", b"egmrunpose", b"egmrunjoint", b"waitwobj")
+_SHIFTS = (
+    *(b"pdispon", b"pdispset", b"eoffson", b"eoffsset", b"corrcon", b"egmrunpose", b"egmrunjoint", b"waitwobj"),
+    *(b"softact", b"egmmovel", b"egmmovec"),
+)
 _SHAPES = {b"robtarget": (3, 4, 4, 6), b"jointtarget": (6, 6)}
 _FRAMES = (b"tooldata", b"wobjdata")
 _PARTS = {
@@ -140,8 +145,8 @@ class Rapid(Language):
 
     def mark(self, program: Program, words: str) -> Edit:
         """See `Language`."""
-        head = re.search(rb"(?im)^[ \t]*MODULE[ \t]+[^\r\n]*(?:\r\n|\n|\r)", program.data)
-        at = head.end() if head else 0
+        head = re.search(rb"(?im)^(?:\xef\xbb\xbf)?[ \t]*MODULE[ \t]+[^\r\n]*(?:\r\n|\n|\r)", program.data)
+        at = head.end() if head else text_start(program.data)
         return Edit(at, at, b"! " + words.encode("ascii") + line_end_of(program.data))
 
 
@@ -158,6 +163,7 @@ class _Module:
         self.found: list[_Found] = []
         self.declared: dict[bytes, bytes] = {}
         self.frames: dict[bytes, tuple[bytes, _List | None, int]] = {}
+        self.several: set[bytes] = set()
         self.records: dict[bytes, list[bytes]] = {}
         self.uses: defaultdict[bytes, _Uses] = defaultdict(dict)
         self.left: list[LeftAlone] = []
@@ -203,6 +209,11 @@ class _Module:
             return self._declaration(at)
         if token.word in _MOVES and follows.text not in (b":=", b"("):
             return self._move(at)
+        if token.word in self.names_of_frames and self._assigned(at):
+            self.notes.append(
+                f"{_text(token.text)} is changed in line {self._line(at)} while the program runs: the corrections are "
+                "those with its value in the declaration."
+            )
         if token.word in _SHIFTS:
             self.notes.append(
                 f"{token.text.decode('latin-1')} in line {self._line(at)} shifts targets while the program runs: the "
@@ -248,15 +259,21 @@ class _Module:
         kind, name = self.tokens[at + 1 : at + 3] if at + 2 < len(self.tokens) else (self.tokens[at],) * 2
         if kind.kind != "name" or name.kind != "name":
             return at + 1
-        i = at + 3
-        while i < len(self.tokens) and self.tokens[i].text not in (b":=", b";"):
+        i, depth = at + 3, 0
+        while i < len(self.tokens) and self.tokens[i].text not in (b":=", b";", b")", b"|", b"\\"):
+            depth += {b"{": 1, b"}": -1}.get(self.tokens[i].text, 0)
+            if self.tokens[i].text == b"," and not depth:
+                break  # a parameter: the next one follows
             i += 1
         value: _List | bytes = b""
         if i < len(self.tokens) and self.tokens[i].text == b":=":
             value, i = self._value(i + 1)
         line = self._line(at)
         if kind.word in _FRAMES:
-            self.frames[name.word] = (kind.word, value if isinstance(value, _List) else None, line)
+            frame = value if isinstance(value, _List) else None
+            if name.word in self.frames and not _are_same(self.frames[name.word][1], frame):
+                self.several.add(name.word)
+            self.frames[name.word] = (kind.word, frame, line)
         elif kind.word in _SHAPES or kind.word in self.records:
             self.declared[name.word] = kind.word
             if value:
@@ -425,6 +442,11 @@ class _Module:
             if word in after and i + after[word] < len(words)
         }
 
+    @cached_property
+    def names_of_frames(self) -> set[bytes]:
+        """Names of tools and work objects."""
+        return {follows.word for token, follows in pairwise(self.tokens) if token.word in _FRAMES}
+
     def _is_variable(self, first: int, last: int) -> bool:
         """A name, or an element of an array: not a function."""
         return last - first == 1 or self.tokens[first + 1].text in (b"{", b".")
@@ -510,6 +532,8 @@ class _Module:
         frames, text = self.beside.frames, self._spelled(name)
         if name == b"tool0":
             return np.eye(4), ""
+        if name in self.several:
+            return None, f"the tool {text} is declared in several places, not with the same value"
         kind, value, _ = self.frames.get(name, (b"", None, 0))
         if kind == b"tooldata" and value is not None and len(value.items) == 3:
             held, pose = value.items[:2]
@@ -527,6 +551,8 @@ class _Module:
         frames, text = self.beside.frames, self._spelled(name)
         if name == b"wobj0":
             return frames.in_base(np.eye(4)), ""
+        if name in self.several:
+            return None, f"the work object {text} is declared in several places, not with the same value"
         kind, value, _ = self.frames.get(name, (b"", None, 0))
         if kind == b"wobjdata" and value is not None and len(value.items) == 5:
             held, fixed, unit, user, target = value.items
@@ -543,7 +569,7 @@ class _Module:
 
 
 def _tokens(data: bytes) -> Iterator[_Token]:
-    at = 0
+    at = text_start(data)
     while match := _TOKEN.search(data, at):
         kind, start, at = match.lastgroup or "", match.start(), match.end()
         if kind == "sign" and match[0] == b'"':
@@ -610,6 +636,15 @@ def _frame(value: _Value) -> FloatArray | None:
     if abs(hypot(*q) - 1) > _UNIT:
         return None
     return transform(rotation_of_quaternion(q), xyz)
+
+
+def _are_same(value: _Value | None, other: _Value | None) -> bool:
+    """Whether two values have the same numbers and words."""
+    if isinstance(value, _List) and isinstance(other, _List):
+        return len(value.items) == len(other.items) and all(map(_are_same, value.items, other.items))
+    if isinstance(value, Number) and isinstance(other, Number):
+        return value.value == other.value
+    return value == other
 
 
 def _depth(value: _Value) -> int:
