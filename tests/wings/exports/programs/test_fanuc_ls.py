@@ -11,6 +11,7 @@ from made_up_listings import fanuc_block, fanuc_joint_block, fanuc_program
 from truearm.errors import InputError
 from truearm.wings.exports.programs.fanuc_ls import FanucListing
 from truearm.wings.exports.programs.frames_file import Frame, FramesFile
+from truearm.wings.exports.programs.number_texts import new_numbers
 from truearm.wings.exports.programs.program import Number, Surroundings
 
 FRAMES = FramesFile(tools={"3": Frame(xyz_mm=(0, 0, 100))}, works={"1": Frame(xyz_mm=(10, 20, 30))})
@@ -204,3 +205,12 @@ def test_fields_keep_their_width_and_their_zeros(old, new):
     assert abs(float(written) - new) <= 0.0005 + 1e-9
     assert not re.match(rb"\s*-?0\.", written)
     assert not re.fullmatch(rb"\s*-\.?0*", written)
+
+
+def test_whole_numbers_take_the_decimals_of_the_controller():
+    text = "/PROG A\n/MN\n   1:J P[1] 10% FINE;\n/POS\nP[1]{\n GP1:\n UF : 0, UT : 0,\n"
+    text += "J1= 0 deg,J2= 0 deg,J3= 0 deg,J4= 0 deg,J5= -60 deg,J6= 10 deg\n};\n/END\n"
+    (target,) = read(text).targets
+    values = {f"j{i}": number.value + 0.0123 for i, number in enumerate(target.numbers.values(), 1)}
+    new = {name: float(value) for name, value in new_numbers(LANGUAGE, target, values).items()}
+    assert new == pytest.approx(values, abs=0.5e-3)  # rounding of three decimals

@@ -168,3 +168,22 @@ def test_a_job_without_its_end_is_refused():
 def test_a_job_with_fewer_points_than_it_states_is_refused():
     with pytest.raises(InputError, match="states 5 taught points and has 1"):
         read(yaskawa_job([*IN_USER, yaskawa_pose("C00000", T)], [], counts=5))
+
+
+@pytest.mark.parametrize(
+    ("postype", "other", "is_left"),
+    [
+        ("BASE", "BC00000=100", True),
+        ("BASE", "EC00000=100", True),
+        ("USER", "BC00000=100", True),
+        ("USER", "EC00000=100", False),
+        ("ROBOT", "BC00000=100", False),
+    ],
+)
+def test_axes_that_may_carry_the_arm_count_wherever_they_stand(postype, other, is_left):
+    after = ["///POSTYPE PULSE", "///PULSE", other]
+    before = [*IN_USER, f"///POSTYPE {postype}", yaskawa_pose("C00000", T)]
+    for points in ([*before, *after], [*after, *before]):
+        program = read(yaskawa_job(points, ["MOVL C00000 V=1.0"]))
+        assert len(program.targets) == (not is_left)
+        assert ("track" in reasons(program).get("C00000", "")) == is_left

@@ -129,7 +129,7 @@ class FanucListing(Language):
 
     title = "Fanuc TP listing"
     endings = (".ls",)
-    decimals = 0
+    decimals = 3  # as the controller writes them
 
     def recognises(self, data: bytes) -> bool:
         """See `Language`."""

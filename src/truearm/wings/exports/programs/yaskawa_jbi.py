@@ -43,7 +43,8 @@ _JOINTS = tuple(f"j{i}" for i in range(1, 7))  # S, L, U, R, B, T
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
 _KINDS: dict[str, MoveKind] = {"MOVL": "linear", "MOVC": "circular"}
 _UNITS = {"PULSE", "RECTAN", "ANGLE"}
-_OTHER_AXES = {"BC", "EC", "BP", "EX", "LBP", "LEX"}
+_BASE_AXES = {"BC", "BP", "LBP"}  # of a track
+_OTHER_AXES = {*_BASE_AXES, "EC", "EX", "LEX"}
 
 
 class _Pulse(Number):
@@ -65,6 +66,8 @@ class _Reader:
         self.state: dict[str, str] = {}
         self.points: dict[str, tuple[int, str, Target | str]] = {}
         self.other_axes = 0
+        self.base_axes = 0
+        self.in_base: dict[str, str] = {}
         self.moves: list[tuple[int, MoveKind, str]] = []
         self.problems: dict[str, str] = {}
         self.left: list[LeftAlone] = []
@@ -99,6 +102,7 @@ class _Reader:
             return
         if point[1] in _OTHER_AXES:
             self.other_axes += 1
+            self.base_axes += point[1] in _BASE_AXES
             return
         line = line_of(self.data, at)
         parts, start = [], at + point.end()
@@ -108,6 +112,8 @@ class _Reader:
             parts.append((first, digits))
             start += len(part) + 1
         name = point[1] + point[2]
+        if self.state.get("unit") == "RECTAN":
+            self.in_base[_key(point[1], point[2])] = self.state.get("POSTYPE", "")
         self.points[_key(point[1], point[2])] = (line, name, self._target(name, line, parts))
 
     def _target(self, name: str, line: int, parts: list[tuple[int, str]]) -> Target | str:
@@ -128,8 +134,6 @@ class _Reader:
             return _Point(name, line, named, joints=np.radians(values / scale), T_flange_tool=tool, unit=tuple(scale))
         if unit != "RECTAN" or postype not in ("BASE", "ROBOT", "USER"):
             return f"a position of the type {postype or 'that is not stated'}: a shift, or of another device"
-        if postype == "BASE" and self.other_axes:
-            return "a pose in the base of a job with further axes: a track may be under the arm"
         conditions = _conditions(_integers(state.get("RCONF", "")))
         if isinstance(conditions, str):
             return conditions
@@ -169,12 +173,20 @@ class _Reader:
             if move is not None:
                 self.moves.append((line, _KINDS.get(move[1][-4:], "joint"), key))
 
+    def _on_track(self, key: str) -> str | None:
+        """Why a pose is not changed in a job whose other axes, which stand after it, may carry the arm."""
+        of_type = self.in_base.get(key)
+        if (of_type == "BASE" and self.other_axes) or (of_type == "USER" and self.base_axes):
+            return "a pose in the base of a job with further axes: a track may be under the arm"
+        return None
+
     def program(self) -> Program:
         """What was found."""
         reached = {key for _, _, key in self.moves}
         targets: dict[str, Target] = {}
         for key, (line, name, made) in self.points.items():
             reason = self.problems.get(key) or (None if key in reached else "no move of the job goes to it")
+            made = self._on_track(key) or made
             if reason is None and isinstance(made, Target):
                 targets[key] = made
             else:
