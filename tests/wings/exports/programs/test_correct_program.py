@@ -141,6 +141,14 @@ class TestBytes:
         assert b"truearm" not in back.content
         np.testing.assert_allclose(numbers_of(back.content, b"j"), numbers_of(text.encode(), b"j"), atol=2e-4)
 
+    def test_the_reverse_of_another_model_is_said(self, tmp_path):
+        first = corrected(fitted(IRB), written(tmp_path, joints_module(joints_of(IRB))))
+        same = corrected(fitted(IRB), written(tmp_path, first.content), direction="feedback")
+        assert not any("another model" in note for note in same.notes)
+        other = re.sub(rb"(truearm command )\w{8}", rb"\g<1>01234567", first.content)
+        back = corrected(fitted(IRB), written(tmp_path, other), direction="feedback")
+        assert "another model (01234567" in back.notes[0]
+
     def test_a_mark_that_the_controller_wrote_anew_is_undone(self, tmp_path):
         first = corrected(fitted(IRB), written(tmp_path, joints_module(joints_of(IRB)))).content
         saved = first.replace(b"! truearm", b"  !truearm")

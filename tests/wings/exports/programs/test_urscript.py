@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.wings.exports.programs.frames_file import Frame, FramesFile
-from truearm.wings.exports.programs.program import Number, Surroundings
+from truearm.wings.exports.programs.program import Number, Surroundings, with_edits
 from truearm.wings.exports.programs.urscript import URScript, pose_matrix, pose_numbers
 
 STATED = FramesFile(controller="nominal")
@@ -189,3 +189,30 @@ def test_numbers_have_the_zero_before_the_point_that_they_had(old, new, decimals
     assert abs(float(text) - new) <= 0.51 * 10.0**-decimals
     if abs(float(text)) < 1:
         assert text.lstrip(b"-").startswith(b".") == old.lstrip(b"+-").startswith(b".")
+
+
+def test_a_variable_of_another_function_is_no_target():
+    move = "  set_tcp(p[0,0,0.1,0,0,0])\n  if (True):\n    movel(a)\n  end\n"
+    other = "def b():\n  a = p[0,0,0.1,0,0,0]\n  x = pose_trans(get_actual_tcp_pose(), a)\n  movel(x)\nend\n"
+    text = f"def c():\n  a = p[0.4,0.2,0.3,0,3.14,0]\n{move}end\n{other}"
+    assert [target.line for target in read(text).targets] == [2]
+    within = f"def c():\n  a = p[0.4,0.2,0.3,0,3.14,0]\n  def d():\n    a = p[0.4,0.2,0.4,0,3.14,0]\n  end\n{move}end\n"
+    assert [target.line for target in read(within).targets] == [2, 4]
+    everywhere = (
+        f"def c():\n  global a = p[0.4,0.2,0.3,0,3.14,0]\n{move}end\ndef d():\n  a = p[0.4,0.2,0.4,0,3.14,0]\nend\n"
+    )
+    assert [target.line for target in read(everywhere).targets] == [2, 9]
+
+
+def test_moves_that_keep_to_the_limits_are_moves():
+    text = (
+        "def c():\n  set_tcp(p[0,0,0.1,0,0,0])\n  optimovel(p[0.4,0.2,0.3,0,3.14,0])\n  optimovej([0,0,0,0,1,0])\nend\n"
+    )
+    assert [target.name for target in read(text).targets] == ["optimovel in line 3", "optimovej in line 4"]
+
+
+def test_a_mark_of_utf8_stays_first():
+    program = read("def c():\n  movej([0,0,0,0,1,0])\nend\n")
+    marked = b"\xef\xbb\xbf" + program.data
+    edit = LANGUAGE.mark(LANGUAGE.read(marked, Surroundings(frames=STATED)), "truearm")
+    assert with_edits(marked, [edit]).startswith(b"\xef\xbb\xbf# truearm\ndef")

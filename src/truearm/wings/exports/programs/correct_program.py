@@ -214,9 +214,19 @@ class _Correction:
             changes=tuple(changes),
             refused=tuple(refused),
             left=tuple(sorted(program.left)),
-            notes=(*program.notes, *self._bend(nominal, corrected)),
+            notes=(*self._other_model(), *program.notes, *self._bend(nominal, corrected)),
             content=solver.language.packed(with_edits(program.data, edits), file) if edits else file,
         )
+
+    def _other_model(self) -> Iterator[str]:
+        """A note where the correction to be taken away is that of another model."""
+        own = model_file_fingerprint(self.solver.model)[:8]
+        for mark in _MARK.finditer(self.program.data):
+            if mark[2].decode() != own:
+                yield (
+                    f"The program was corrected with another model ({mark[2].decode()}, this is {own}): what is taken "
+                    "away is not what was added."
+                )
 
     def _bend(self, nominal: FloatArray, corrected: FloatArray) -> Iterator[str]:
         worst = self.solver.bend(self.program.targets, self.program.moves, nominal, corrected)

@@ -35,6 +35,7 @@ from truearm.wings.exports.programs.program import (
     inverse,
     line_end_of,
     line_of,
+    text_start,
     transform,
 )
 
@@ -42,10 +43,18 @@ _LIST = re.compile(rf"(p?)\[\s*({NUMBER}(?:\s*,\s*{NUMBER}){{5}})\s*\]")
 _AFTER = re.compile(r"[ \t]*(?:[\r\n,)]|\Z)")
 _HIDDEN = re.compile(r"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'")
 _ASSIGNED = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*(\[[^\]\n]*\])?\s*=(?!=)\s*")
-_CALL = re.compile(r"(?<![\w.])(move[jlpc]|servo[jc]|set_tcp)\s*\(")
-_KINDS: dict[str, MoveKind] = {"movel": "linear", "movep": "linear", "movec": "circular", "servoc": "circular"}
+_GLOBAL = re.compile(r"\bglobal\s+([A-Za-z_]\w*)")
+_CALL = re.compile(r"(?<![\w.])((?:optimove|move)[jl]|move[pc]|servo[jc]|set_tcp)\s*\(")
+_KINDS: dict[str, MoveKind] = {
+    "movel": "linear",
+    "optimovel": "linear",
+    "movep": "linear",
+    "movec": "circular",
+    "servoc": "circular",
+}
 _OPENS = re.compile(r"^[ \t]*(?:def|thread|while|if|for)\b", re.MULTILINE)
 _ENDS = re.compile(r"(?<![\w.])end\b")
+_BLOCKS = re.compile(rf"{_OPENS.pattern}|{_ENDS.pattern}", re.MULTILINE)
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\((.*)\)", re.DOTALL)
 POSE = ("x", "y", "z", "rx", "ry", "rz")
@@ -96,6 +105,19 @@ def _arguments(text: str, start: int) -> list[tuple[int, int]] | None:
     return None
 
 
+def _functions(code: str) -> Iterator[tuple[int, int]]:
+    """Places of the functions and threads of a program."""
+    opened: list[tuple[int, bool]] = []
+    for found in _BLOCKS.finditer(code):
+        word = found[0].strip()
+        if word != "end":
+            opened.append((found.start(), word in ("def", "thread")))
+        elif opened:
+            start, is_function = opened.pop()
+            if is_function:
+                yield start, found.end()
+
+
 @dataclass
 class _Use:
     """A list that moves go to, by the name of the first, and the joints that were beside it."""
@@ -112,6 +134,8 @@ class _Reader:
         self.data = data
         self.text = data.decode("latin-1")
         self.code = hidden(self.text)
+        self.functions = list(_functions(self.code))
+        self.globals = set(_GLOBAL.findall(self.code))
         self.variables, self.problems = self._assignments()
         self.tools: list[_Literal | None] = []
         self.left: list[LeftAlone] = []
@@ -133,6 +157,10 @@ class _Reader:
             else:
                 variables[found[1]].append(literal)
         return variables, problems
+
+    def _function(self, at: int) -> tuple[int, int]:
+        """The outermost function or thread around a place: those within it share its variables."""
+        return min((one for one in self.functions if one[0] <= at < one[1]), default=(0, len(self.code)))
 
     def line(self, at: int) -> int:
         return line_of(self.data, at)
@@ -194,7 +222,10 @@ class _Reader:
             return "computed at run time"
         if name in self.problems:
             return f"{name} is {self.problems[name]}"
-        return self.variables.get(name) or f"{name} has no value in the program"
+        values = self.variables.get(name, [])
+        if name not in self.globals:  # otherwise functions have their own variables of the same name
+            values = [one for one in values if self._function(one.start) == self._function(start)] or values
+        return values or f"{name} has no value in the program"
 
     def targets(self, beside: Surroundings, stated: StatedKinematics) -> Iterator[tuple[int, Target | LeftAlone]]:
         """The targets in the order of the moves, by the places of their lists, and what is not changed."""
@@ -322,7 +353,8 @@ class URScript(Language):
 
     def mark(self, program: Program, words: str) -> Edit:
         """See `Language`."""
-        return Edit(0, 0, f"# {words}".encode("latin-1") + line_end_of(program.data))
+        at = text_start(program.data)
+        return Edit(at, at, f"# {words}".encode("latin-1") + line_end_of(program.data))
 
     def number_text(self, number: Number, value: float, decimals: int) -> bytes:
         """See `Language`: a zero before the point as the number has it."""
