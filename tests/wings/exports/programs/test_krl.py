@@ -174,6 +174,11 @@ SETS = {
     "a point as the base": (f"{BOTH}DECL POS B1={CARTESIAN}\n$BASE=B1\nPTP B1", "B1", "tool or base is set from it"),
     "a point as an offset": (f"{BOTH}DECL POS O1={CARTESIAN}\nLIN XP1:O1", "O1", "a frame or an offset"),
     "an offset of a literal": (f"{BOTH}DECL POS O1={CARTESIAN}\nLIN {CARTESIAN}:O1", "O1", "a frame or an offset"),
+    "a tool too far away": (
+        f"{BOTH}$TOOL={CARTESIAN.replace('600', '1E999')}\nLIN {CARTESIAN}",
+        "LIN in line 7",
+        "state",
+    ),
     "a literal times an offset": (f"{BOTH}LIN {CARTESIAN} : O1", f"LIN {CARTESIAN}", "computes it"),
     "a spline's own tool": (f"{BOTH}SLIN {CARTESIAN} WITH $TOOL=TOOL_DATA[9]", "SLIN in line 6", "TOOL_DATA[9]"),
     "a spline block's own base": (

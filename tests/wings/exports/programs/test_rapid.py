@@ -300,3 +300,8 @@ def test_a_mark_of_utf8_stays_first():
     assert found(program) == ["j1"]
     new = with_edits(program.data, [Rapid().mark(program, "truearm")])
     assert new.startswith(b"\xef\xbb\xbfMODULE Made\r\n! truearm\r\n")
+
+
+def test_a_tool_that_is_too_far_away_is_to_be_stated():
+    body = f"{TOOL_120.replace('120', '1E400')}PROC a()\n{MOVE}ENDPROC"
+    assert "state it in --frames" in reasons(read(module(body), ""))["MoveL in line 4"]

@@ -85,6 +85,11 @@ class _Value(NamedTuple):
     numbers: dict[str, Number]
     has_more: bool  # something in it is not a number
 
+    @property
+    def is_pose(self) -> bool:
+        """Whether it has all numbers of a pose."""
+        return not self.has_more and set(_POSE) <= set(self.numbers)
+
 
 @dataclass(frozen=True)
 class _Line:
@@ -260,7 +265,7 @@ class _File:
         """Types of names, FDAT, and the values of tools and bases; `of_file` are those that the file has so far."""
         if b"=" in code and (given := _GIVEN.fullmatch(code)) and (at := _DATA.fullmatch(given[1])):
             value, key = _aggregate(given[3], 0), (at[1].upper(), at[2])
-            is_whole = not given[2] and value is not None and set(_POSE) <= set(value.numbers)
+            is_whole = not given[2] and value is not None and value.is_pose
             if not is_whole or of_file.setdefault(key, given[3].strip()) != given[3].strip():
                 self.changed.add(key)
             elif value is not None:
@@ -332,7 +337,7 @@ class _File:
         if (of_fdat := _OF_FDAT.fullmatch(text.strip())) and _word(of_fdat[1]) in self.fdat:
             return self.fdat[_word(of_fdat[1])][which == b"BASE"]
         value = _aggregate(text, 0)
-        if value is not None and set(_POSE) <= set(value.numbers):
+        if value is not None and value.is_pose:
             own = b"line %d" % line.number
             self.frames[which, own] = _frame(value.numbers)
             return own

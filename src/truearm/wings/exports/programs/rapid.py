@@ -633,7 +633,7 @@ def _frame(value: _Value) -> FloatArray | None:
     xyz, q = (
         [one.value for one in item.items if isinstance(one, Number)] for item in value.items if isinstance(item, _List)
     )
-    if abs(hypot(*q) - 1) > _UNIT:
+    if abs(hypot(*q) - 1) > _UNIT or max(map(abs, xyz)) > NOT_THERE:
         return None
     return transform(rotation_of_quaternion(q), xyz)
 
