@@ -261,3 +261,11 @@ def test_a_mark_of_utf8_stays_first():
     assert [target.name for target in program.targets] == ["PTP in line 2"]
     edit = Krl().mark(program, "truearm")
     assert with_edits(program.data, [edit]).startswith(b"\xef\xbb\xbfDEF made()\r\n; truearm\r\n")
+
+
+def test_joints_that_no_move_goes_to_are_named():
+    body = (
+        f"DECL E6AXIS P[2]\nDECL E6AXIS D1={JOINTS}\nP[1]={JOINTS}\nLIN P[I]\nPTP P[2]\nDECL E6AXIS D2={JOINTS}\nPTP D2"
+    )
+    (note,) = read(source(body)).notes
+    assert note.startswith("No move of this file goes to D1:")

@@ -223,8 +223,8 @@ def test_shifts_at_run_time_are_noted():
 def test_an_external_axis_that_moves_is_noted():
     rows = [JOINTS.replace(NONE, f"[{one},9E9,9E9,9E9,9E9,9E9]") for one in (0, 250)]
     still, moving = (module(f"CONST jointtarget j{{2}}:=[{rows[0]},{rows[i]}];") for i in (0, 1))
-    assert not read(still).notes
-    assert "External axis 1 moves between targets" in read(moving).notes[0]
+    assert not any("External" in note for note in read(still).notes)
+    assert "External axis 1 moves between targets" in read(moving).notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -305,3 +305,28 @@ def test_a_mark_of_utf8_stays_first():
 def test_a_tool_that_is_too_far_away_is_to_be_stated():
     body = f"{TOOL_120.replace('120', '1E400')}PROC a()\n{MOVE}ENDPROC"
     assert "state it in --frames" in reasons(read(module(body), ""))["MoveL in line 4"]
+
+
+@pytest.mark.parametrize(
+    "word", ["MoveLDO {},v1,fine,t1,do1,1", 'MoveLSync {},v1,fine,t1,"go"', "DispL {},v1,bead,fine,t1"]
+)
+def test_the_tool_stands_before_signals_and_procedures(word):
+    circle = f"MoveCGO {POSE},{POSE},v1,fine,t1\\WObj:=wobj0,go1\\Value:=5;"
+    body = f"{TOOL_120}PROC a()\n{word.format(POSE)};\n{circle}\nENDPROC"
+    assert [target.T_flange_tool[2, 3] for target in read(module(body), "").targets] == [120, 120, 120]
+
+
+def test_limits_of_world_zones_are_no_targets():
+    home, limit = (f"CONST jointtarget {name}:={JOINTS};\n" for name in ("jHome", "jDelta"))
+    body = (
+        f"{home}{limit}PROC a()\nWZHomeJointDef \\Inside, zone, jHome, jDelta;\nMoveAbsJ jHome,v1,fine,tool0;\nENDPROC"
+    )
+    program = read(module(body))
+    assert found(program) == ["jHome"]
+    assert "world zone (line 5)" in reasons(program)["jDelta"]
+    assert not program.notes
+
+
+def test_joints_that_no_move_goes_to_are_named():
+    (note,) = read(module(f"CONST jointtarget j1:={JOINTS};")).notes
+    assert note.startswith("No move of this file goes to j1:")

@@ -216,3 +216,11 @@ def test_a_mark_of_utf8_stays_first():
     marked = b"\xef\xbb\xbf" + program.data
     edit = LANGUAGE.mark(LANGUAGE.read(marked, Surroundings(frames=STATED)), "truearm")
     assert with_edits(marked, [edit]).startswith(b"\xef\xbb\xbf# truearm\ndef")
+
+
+def test_an_inverse_of_another_tool_is_computed():
+    text = "def c():\n  set_tcp(p[0,0,0.1,0,0,0])\n  a = p[0.4,0.2,0.3,0,3.14,0]\n  q = [0,0,0,0,1,0]\n"
+    for more, n in (("", 1), (", tcp=p[0,0,0,0,0,0]", 0), (", 1e-3, 1e-3, p[0,0,0,0,0,0]", 0)):
+        program = read(f"{text}  movej(get_inverse_kin(a, q{more}))\nend\n")
+        assert len(program.targets) == n
+        assert len(program.left) == 1 - n

@@ -38,6 +38,7 @@ from truearm.wings.exports.programs.program import (
     line_end_of,
     text_start,
     transform,
+    unreached_note,
 )
 
 MAX_BYTES = 16 * 2**20
@@ -194,6 +195,7 @@ class _File:
         self.bases: dict[bytes, int] = {}
         self.factors: dict[bytes, int] = {}
         self.increments: dict[bytes, int] = {}
+        self.indexed: set[bytes] = set()
         self.is_accurate = False
         self.left: list[LeftAlone] = []
         self.notes: list[str] = []
@@ -223,9 +225,12 @@ class _File:
         self.is_accurate = any(status is not None and status < 32 and status & 16 for status in statuses)
         targets: list[Target] = []
         numbers: dict[bytes | int | None, int] = {}
+        unreached: list[str] = []
         for key, found in enumerate(self.found):
             if (target := self._target(*found)) is not None:
                 numbers[key] = numbers[found[0] or key] = len(targets)
+                if not self._is_reached(found[0]):
+                    unreached.append(found[1])
                 if (at := self.factors.get((found[0] or b"").partition(b"[")[0])) is not None:
                     name = found[1]
                     self.notes.append(f"{name} is used in a computation in line {at}: the result has its correction.")
@@ -235,7 +240,19 @@ class _File:
             [value.numbers[name].value if name in value.numbers else 0.0 for name in _EXTERNAL]
             for *_, value, _ in self.found
         ]
-        return Program(self.data, tuple(targets), tuple(self.left), moves, (*self.notes, *external_axes_note(external)))
+        return Program(
+            self.data,
+            tuple(targets),
+            tuple(self.left),
+            moves,
+            (*self.notes, *unreached_note(unreached), *external_axes_note(external)),
+        )
+
+    def _is_reached(self, word: bytes | None) -> bool:
+        """Whether a move goes to a target, or an FDAT says that it was taught for one."""
+        if word is None or self.uses.get(word) or (word.startswith(b"X") and b"F" + word[1:] in self.fdat):
+            return True
+        return word.partition(b"[")[0] in self.indexed
 
     def _check_ends(self) -> None:
         for begin, end in ((rb"DEFDAT", rb"ENDDAT"), (rb"DEF", rb"END"), (rb"DEFFCT", rb"ENDFCT")):
@@ -362,6 +379,8 @@ class _File:
                     self.increments[name.partition(b"[")[0]] = line.number
                 else:
                     self.uses[name].setdefault(frames, line.number)
+            if b"[" in name:
+                self.indexed.add(name.partition(b"[")[0])
             if not is_own:
                 continue
             key: bytes | int | None = None

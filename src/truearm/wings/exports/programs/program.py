@@ -23,6 +23,7 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.frames_file import FramesFile
 
+_NAMED = 5
 _UTF8 = b"\xef\xbb\xbf"
 NOT_THERE = 8.9e9  # 9E9 of RAPID: no such axis
 
@@ -291,6 +292,14 @@ def line_end_of(data: bytes) -> bytes:
     """The line end that a program uses first."""
     found = re.search(rb"\r\n|\n|\r", data)
     return b"\n" if found is None else found[0]
+
+
+def unreached_note(names: Iterable[str]) -> Iterator[str]:
+    """A note on corrected targets that no move of the file goes to."""
+    all_names = list(dict.fromkeys(names))
+    if all_names:
+        shown = ", ".join(all_names[:_NAMED]) + (" and others" if len(all_names) > _NAMED else "")
+        yield f"No move of this file goes to {shown}: make sure that none is a limit, a tolerance or a difference."
 
 
 def external_axes_note(rows: Iterable[Sequence[float]]) -> Iterator[str]:

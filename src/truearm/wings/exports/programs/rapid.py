@@ -38,6 +38,7 @@ from truearm.wings.exports.programs.program import (
     line_of,
     text_start,
     transform,
+    unreached_note,
 )
 
 _TOKEN = re.compile(
@@ -47,12 +48,17 @@ _TOKEN = re.compile(
 _IN_LITERAL = re.compile(rb"[\[\]]|[+-]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 # Instructions with targets: their places among the arguments that have no backslash, and how the arm moves.
 _MOVES: dict[bytes, tuple[tuple[int, ...], MoveKind]] = {
-    **dict.fromkeys(b"movej moveabsj movejdo movejao movejgo movejsync triggj spotj".split(), ((0,), "joint")),
     **dict.fromkeys(
-        b"movel moveldo movelao movelgo movelsync triggl spotl arcl arclstart arclend".split(), ((0,), "linear")
+        b"movej moveabsj movejdo movejao movejgo movejsync triggj spotj triggjios arcmovej".split(), ((0,), "joint")
     ),
     **dict.fromkeys(
-        b"movec movecdo movecao movecgo movecsync triggc arcc arccstart arccend".split(), ((0, 1), "circular")
+        b"movel moveldo movelao movelgo movelsync triggl trigglios spotl arcl arclstart arclend arcmovel displ capl "
+        b"paintl".split(),
+        ((0,), "linear"),
+    ),
+    **dict.fromkeys(
+        b"movec movecdo movecao movecgo movecsync triggc arcc arccstart arccend arcmovec dispc capc paintc".split(),
+        ((0, 1), "circular"),
     ),
     b"searchl": ((2,), "linear"),
     b"searchc": ((2, 3), "circular"),
@@ -61,6 +67,9 @@ _SHIFTS = (
     *(b"pdispon", b"pdispset", b"eoffson", b"eoffsset", b"corrcon", b"egmrunpose", b"egmrunjoint", b"waitwobj"),
     *(b"softact", b"egmmovel", b"egmmovec"),
 )
+# Of these, a signal or a procedure stands behind the tool, which is the third after the last target.
+_FOLLOWED = (b"do", b"ao", b"go", b"sync")
+_ZONES = (b"wzhomejointdef", b"wzlimjointdef")
 _SHAPES = {b"robtarget": (3, 4, 4, 6), b"jointtarget": (6, 6)}
 _FRAMES = (b"tooldata", b"wobjdata")
 _PARTS = {
@@ -164,6 +173,7 @@ class _Module:
         self.declared: dict[bytes, bytes] = {}
         self.frames: dict[bytes, tuple[bytes, _List | None, int]] = {}
         self.several: set[bytes] = set()
+        self.zones: dict[bytes, int] = {}
         self.records: dict[bytes, list[bytes]] = {}
         self.uses: defaultdict[bytes, _Uses] = defaultdict(dict)
         self.left: list[LeftAlone] = []
@@ -180,14 +190,15 @@ class _Module:
             at = self._statement(at)
         targets: list[Target] = []
         numbers: dict[bytes | int | None, int] = {}
+        unreached = []
         for key, found in enumerate(self.found):
             if (target := self._target(found)) is not None:
+                unreached += [] if found.uses else [found.name]
                 numbers[key] = numbers[found.name.encode("latin-1").lower()] = len(targets)
                 targets.append(target)
         moves = tuple(Move(line, kind, numbers.get(goal)) for line, kind, goal in self.moves)
-        return Program(
-            self.data, tuple(targets), tuple(self.left), moves, (*self.notes, *external_axes_note(self.external))
-        )
+        self.notes += [*unreached_note(unreached), *external_axes_note(self.external)]
+        return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
 
     def _check_ends(self) -> None:
         words = [token.word for token in self.tokens if token.kind == "name"]
@@ -214,6 +225,9 @@ class _Module:
                 f"{_text(token.text)} is changed in line {self._line(at)} while the program runs: the corrections are "
                 "those with its value in the declaration."
             )
+        if token.word in _ZONES:
+            arguments, _ = self._arguments(at + 1)
+            self.zones |= {self.tokens[part[0][1] - 1].word: self._line(at) for part in arguments if part[0][1]}
         if token.word in _SHIFTS:
             self.notes.append(
                 f"{token.text.decode('latin-1')} in line {self._line(at)} shifts targets while the program runs: the "
@@ -403,7 +417,9 @@ class _Module:
         if len(plain) <= max(places):
             self.left.append(LeftAlone(line, instruction, "it has no target yet"))
             return end
-        tool = self.tokens[plain[-1][0]].word if plain[-1][1] - plain[-1][0] == 1 else b"?"
+        followed = self.tokens[at].word.endswith(_FOLLOWED) and len(plain) > max(places) + 3
+        begins_tool, ends_tool = plain[max(places) + 3 if followed else -1]
+        tool = self.tokens[begins_tool].word if ends_tool - begins_tool == 1 else b"?"
         work = b"wobj0"
         for _, *switches in arguments:
             for first, last in switches:
@@ -486,6 +502,9 @@ class _Module:
             left("a placeholder (9E9)")
             return None
         if kind == b"jointtarget":
+            if not used and (zone := self.zones.get(name.lower().encode("latin-1"))) is not None:
+                left(f"of a world zone (line {zone}), and no move goes to it")
+                return None
             tools = {tool for tool, _ in used}
             tool = self._resolved(self._tool, tools.pop())[0] if len(tools) == 1 else None
             joints = np.radians([values[f"j{i}"] for i in range(1, 7)])

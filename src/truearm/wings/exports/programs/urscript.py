@@ -57,6 +57,7 @@ _ENDS = re.compile(r"(?<![\w.])end\b")
 _BLOCKS = re.compile(rf"{_OPENS.pattern}|{_ENDS.pattern}", re.MULTILINE)
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\((.*)\)", re.DOTALL)
+_WITH_TOOL = 4  # arguments of get_inverse_kin before its tool
 POSE = ("x", "y", "z", "rx", "ry", "rz")
 JOINTS = tuple(f"j{i}" for i in range(1, 7))
 
@@ -188,7 +189,9 @@ class _Reader:
         if inverse is not None:
             places = _arguments(self.code, start + inverse.start(1)) or [(start, start)]
             start, end = places[0]
-            if len(places) > 1:
+            if len(places) > _WITH_TOOL or any(re.match(r"tcp\w*\s*=", self.code[at:stop]) for at, stop in places):
+                start = end  # another tool: no list stands there
+            elif len(places) > 1:
                 at, stop = places[1]
                 named = re.compile(r"qnear\s*=\s*").match(self.code, at, stop)
                 found = self._lists(named.end() if named else at, stop)
