@@ -73,7 +73,10 @@ _OF_FDAT = re.compile(rb"(?i)S(?:TOOL2?|BASE)\s*\(\s*(" + _NAME + rb")\s*(?:\.\s
 _WORDS = re.compile(rb"\$?[A-Za-z_][\w$]*")
 _BRANCH = re.compile(rb"(?i)\s*(IF|SWITCH|ELSE|CASE|DEFAULT|ENDIF|ENDSWITCH)(?![\w$])")
 _NULL = b"0"
-_SEVERAL = b"?"  # tools or bases of the branches of a program
+_SEVERAL = b"?"  # tools or bases of branches and subprograms
+_CALL = re.compile(rb"\s*([A-Za-z_]\w*)\s*\(")
+_BEGINS = re.compile(rb"(?i)\s*(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+([A-Za-z_]\w*)\s*\(")
+_SETS = re.compile(rb"(?i)\s*(?:\$(?:TOOL|BASE|IPO_MODE)\b[^=]*=|FDAT_ACT\s*=|BAS\s*\(\s*#(?:TOOL|BASE|EX_BASE)\b)")
 _REASONS = {
     b"TCP": "its tool is fixed in the cell (IPO_FRAME #TCP)",
     b"EK": "its base moves with an external kinematic",
@@ -191,6 +194,7 @@ class _File:
         self.fdat: dict[bytes, _Frames] = {}
         self.uses: defaultdict[bytes, dict[_Frames, int]] = defaultdict(dict)
         self.frames: dict[tuple[bytes, bytes], FloatArray] = {}
+        self.setters: set[bytes] = set()
         self.changed: set[tuple[bytes, bytes]] = set()
         self.bases: dict[bytes, int] = {}
         self.factors: dict[bytes, int] = {}
@@ -211,6 +215,7 @@ class _File:
             of_file: dict[tuple[bytes, bytes], bytes] = {}
             for line in lines:
                 self._declare(line.code, of_file)
+        self.setters = _setters([*others, self.lines])
         for lines in others:
             self._walk(lines, is_own=False)
         self._walk(self.lines, is_own=True)
@@ -312,6 +317,8 @@ class _File:
                 state = _branched(branch[1].upper(), state, branches)
             elif bas := _BAS.match(code):
                 state = state.with_frame(bas[1].upper(), bas[2])
+            elif (call := _CALL.match(code)) and call[1].upper() in self.setters:
+                state = _State(_SEVERAL, _SEVERAL)
             elif _EXTERNAL_BASE.match(code):
                 state = state._replace(base=b"EK")
             elif spline := re.match(rb"(?i)\s*(PTP_)?(END)?SPLINE(?![\w$])", code):
@@ -491,7 +498,7 @@ class _File:
         if number in _REASONS:
             return None, _REASONS[number]
         if number == _SEVERAL:
-            return None, f"branches of the program set its {what} to several"
+            return None, f"branches or subprograms set its {what}, not all to the same"
         if (which, number) in self.changed:
             return None, f"{_text(which + b'_DATA[' + (number or b''))}] changes while the program runs"
         motion = np.eye(4) if number == _NULL else self.frames.get((which, number or b""))
@@ -513,6 +520,24 @@ def _lines(data: bytes) -> Iterator[_Line]:
             raise InputError("a bracket { is not closed", line=number)
         if match[0]:
             yield _Line(number, match.start(), b"" if text.lstrip()[:1] == b"&" else code[0])
+
+
+def _setters(files: Iterable[list[_Line]]) -> set[bytes]:
+    """Subprograms that set a tool or base, themselves or by what they call."""
+    setters: set[bytes] = set()
+    calls: defaultdict[bytes, set[bytes]] = defaultdict(set)
+    for lines in files:
+        name = b""
+        for line in lines:
+            if begins := _BEGINS.match(line.code):
+                name = begins[1].upper()
+            elif _SETS.match(line.code):
+                setters.add(name)
+            elif call := _CALL.match(line.code):
+                calls[name].add(call[1].upper())
+    while more := {name for name, called in calls.items() if name not in setters and called & setters}:
+        setters |= more
+    return setters - {b"BAS"}
 
 
 def _branched(word: bytes, state: _State, branches: list[_Branches]) -> _State:
