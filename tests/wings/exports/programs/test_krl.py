@@ -184,6 +184,11 @@ SETS = {
         "LIN in line 7",
         "subprograms",
     ),
+    "a tool of the loop before": (
+        f"{BOTH}LOOP\nLIN {CARTESIAN}\n$TOOL=TOOL_DATA[3]\nENDLOOP",
+        "LIN in line 7",
+        "loops",
+    ),
     "a literal times an offset": (f"{BOTH}LIN {CARTESIAN} : O1", f"LIN {CARTESIAN}", "computes it"),
     "a spline's own tool": (f"{BOTH}SLIN {CARTESIAN} WITH $TOOL=TOOL_DATA[9]", "SLIN in line 6", "TOOL_DATA[9]"),
     "a spline block's own base": (
@@ -246,6 +251,8 @@ def test_what_is_no_target_and_what_has_other_frames_is_left(what):
         f"{BOTH}SPLINE WITH $TOOL=TOOL_DATA[1],$BASE=BASE_DATA[2]\nSPL {CARTESIAN} WITH $VEL.CP=1 C_SPL\nENDSPLINE",
         f"SLIN {CARTESIAN} WITH $BASE={{X 1,Y 2,Z 3,A 0,B 0,C 0}}, $TOOL=TOOL_DATA[1] C_DIS",
         f"{BOTH}OPEN(1)\nLIN {CARTESIAN}\nEND\nDEF OPEN(N:IN)\n$OUT[1]=TRUE",
+        f"{BOTH}FOR I=1 TO 2\nLIN {CARTESIAN}\n$TOOL=TOOL_DATA[3]\nWHILE A\n$TOOL=TOOL_DATA[1]\nENDWHILE\nENDFOR",
+        f"LOOP\n{BOTH}LIN {CARTESIAN}\nENDLOOP",
         f"$IPO_MODE=#TCP\n$IPO_MODE=#BASE\n{BOTH}LIN {CARTESIAN}",
     ],
 )

@@ -73,7 +73,9 @@ _OF_FDAT = re.compile(rb"(?i)S(?:TOOL2?|BASE)\s*\(\s*(" + _NAME + rb")\s*(?:\.\s
 _WORDS = re.compile(rb"\$?[A-Za-z_][\w$]*")
 _BRANCH = re.compile(rb"(?i)\s*(IF|SWITCH|ELSE|CASE|DEFAULT|ENDIF|ENDSWITCH)(?![\w$])")
 _NULL = b"0"
-_SEVERAL = b"?"  # tools or bases of branches and subprograms
+_LOOP = re.compile(rb"(?i)\s*(LOOP|FOR|WHILE|REPEAT|ENDLOOP|ENDFOR|ENDWHILE|UNTIL)(?![\w$])")
+_DEEPEST = 16  # loops in loops of which each is followed twice
+_SEVERAL = b"?"  # tools or bases of branches, loops and subprograms
 _CALL = re.compile(rb"\s*([A-Za-z_]\w*)\s*\(")
 _BEGINS = re.compile(rb"(?i)\s*(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+([A-Za-z_]\w*)\s*\(")
 _SETS = re.compile(rb"(?i)\s*(?:\$(?:TOOL|BASE|IPO_MODE)\b[^=]*=|FDAT_ACT\s*=|BAS\s*\(\s*#(?:TOOL|BASE|EX_BASE)\b)")
@@ -309,34 +311,52 @@ class _File:
         """Follow the lines of a file in their order: tool and base, moves and values."""
         state, block = _State(), b""
         branches: list[_Branches] = []
-        for line in lines:
+        ends = _loops(lines)
+        for at, line in enumerate(lines):
             code = line.code
-            if re.match(rb"(?i)\s*(?:GLOBAL\s+)?DEF(?:FCT)?\s", code):
-                state, branches = _State(), []
-            elif branch := _BRANCH.match(code):
-                state = _branched(branch[1].upper(), state, branches)
-            elif bas := _BAS.match(code):
-                state = state.with_frame(bas[1].upper(), bas[2])
-            elif (call := _CALL.match(code)) and call[1].upper() in self.setters:
-                state = _State(_SEVERAL, _SEVERAL)
-            elif _EXTERNAL_BASE.match(code):
-                state = state._replace(base=b"EK")
+            if at in ends:  # again with what holds at its end
+                state = state.either(self._at_end(lines[at + 1 : ends[at]], state))
+            elif (after := self._follow(line, state, branches)) is not None:
+                state = after
             elif spline := re.match(rb"(?i)\s*(PTP_)?(END)?SPLINE(?![\w$])", code):
                 block = b"" if spline[2] else code
             elif moved := _MOVED.fullmatch(code):
                 within = self._with(block, line, state)
                 self._move(line, moved, self._with(code, line, within).frames, is_own=is_own)
             elif b"=" in code and (given := _given(code)) is not None:
-                word = _word(given[1])
-                if word == b"FDAT_ACT":
-                    state = _State(*self.fdat.get(_word(given[3]), (None, None)))
-                elif word in (b"$TOOL", b"$BASE", b"$IPO_MODE"):
-                    state = self._set(state, word[1:], line, given[1] + given[2] if given[2] else given[3])
-                else:
-                    if b":" in re.sub(rb"\{[^{}]*\}", b"", given[3]):
-                        self.factors |= {name.upper(): line.number for name in _WORDS.findall(given[3])}
-                    if is_own:
-                        self.given.append((line, given))
+                if b":" in re.sub(rb"\{[^{}]*\}", b"", given[3]):
+                    self.factors |= {name.upper(): line.number for name in _WORDS.findall(given[3])}
+                if is_own:
+                    self.given.append((line, given))
+
+    def _at_end(self, body: list[_Line], state: _State) -> _State:
+        """What holds after lines."""
+        branches: list[_Branches] = []
+        for line in body:
+            after = self._follow(line, state, branches)
+            state = state if after is None else after
+        return state
+
+    def _follow(self, line: _Line, state: _State, branches: list[_Branches]) -> _State | None:
+        """What holds after a line that sets or may set a tool or base; None after another."""
+        code = line.code
+        if re.match(rb"(?i)\s*(?:GLOBAL\s+)?DEF(?:FCT)?\s", code):
+            branches.clear()
+            return _State()
+        if branch := _BRANCH.match(code):
+            return _branched(branch[1].upper(), state, branches)
+        if bas := _BAS.match(code):
+            return state.with_frame(bas[1].upper(), bas[2])
+        if (call := _CALL.match(code)) and call[1].upper() in self.setters:
+            return _State(_SEVERAL, _SEVERAL)
+        if _EXTERNAL_BASE.match(code):
+            return state._replace(base=b"EK")
+        given = _GIVEN.fullmatch(code) if _SETS.match(code) else None
+        if given is None:
+            return None
+        if _word(given[1]) == b"FDAT_ACT":
+            return _State(*self.fdat.get(_word(given[3]), (None, None)))
+        return self._set(state, _word(given[1])[1:], line, given[1] + given[2] if given[2] else given[3])
 
     def _set(self, state: _State, which: bytes, line: _Line, text: bytes) -> _State:
         """What holds after a line has set $TOOL, $BASE or $IPO_MODE."""
@@ -498,7 +518,7 @@ class _File:
         if number in _REASONS:
             return None, _REASONS[number]
         if number == _SEVERAL:
-            return None, f"branches or subprograms set its {what}, not all to the same"
+            return None, f"branches, loops or subprograms set its {what}, not all to the same"
         if (which, number) in self.changed:
             return None, f"{_text(which + b'_DATA[' + (number or b''))}] changes while the program runs"
         motion = np.eye(4) if number == _NULL else self.frames.get((which, number or b""))
@@ -538,6 +558,20 @@ def _setters(files: Iterable[list[_Line]]) -> set[bytes]:
     while more := {name for name, called in calls.items() if name not in setters and called & setters}:
         setters |= more
     return setters - {b"BAS"}
+
+
+def _loops(lines: list[_Line]) -> dict[int, int]:
+    """The loops of a file: the numbers of their first and last lines in the list."""
+    opened, found = [], {}
+    for at, line in enumerate(lines):
+        if loop := _LOOP.match(line.code):
+            if loop[1].upper() in (b"LOOP", b"FOR", b"WHILE", b"REPEAT"):
+                opened.append(at)
+            elif opened and len(opened) <= _DEEPEST:
+                found[opened.pop()] = at
+            elif opened:
+                opened.pop()
+    return found
 
 
 def _branched(word: bytes, state: _State, branches: list[_Branches]) -> _State:
