@@ -224,3 +224,11 @@ def test_an_inverse_of_another_tool_is_computed():
         program = read(f"{text}  movej(get_inverse_kin(a, q{more}))\nend\n")
         assert len(program.targets) == n
         assert len(program.left) == 1 - n
+
+
+def test_points_that_variables_are_computed_from_are_named():
+    text = (
+        "def c():\n  set_tcp(p[0,0,0.1,0,0,0])\n  a = p[0.4,0.2,0.3,0,3.14,0]\n  b = pose_trans(a, p[0,0,0.1,0,0,0])\n"
+    )
+    program = read(f"{text}  movej([0,0,0,0,1,0])\n  movel(a)\n  movel(b)\nend\n")
+    assert any("a is used in a computation in line 4" in note for note in program.notes)

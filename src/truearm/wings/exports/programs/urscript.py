@@ -55,6 +55,7 @@ _KINDS: dict[str, MoveKind] = {
 _OPENS = re.compile(r"^[ \t]*(?:def|thread|while|if|for)\b", re.MULTILINE)
 _ENDS = re.compile(r"(?<![\w.])end\b")
 _BLOCKS = re.compile(rf"{_OPENS.pattern}|{_ENDS.pattern}", re.MULTILINE)
+_LINE_END = re.compile(r"[\r\n]")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\((.*)\)", re.DOTALL)
 _WITH_TOOL = 4  # arguments of get_inverse_kin before its tool
@@ -136,13 +137,13 @@ class _Reader:
         self.text = data.decode("latin-1")
         self.code = hidden(self.text)
         self.functions = list(_functions(self.code))
+        self.bases: dict[str, int] = {}
         self.globals = set(_GLOBAL.findall(self.code))
         self.variables, self.problems = self._assignments()
         self.tools: list[_Literal | None] = []
         self.left: list[LeftAlone] = []
         self.uses: dict[int, _Use] = {}
         self.moves: list[tuple[int, MoveKind, int]] = []
-        self.bases: dict[str, int] = {}
         self.n_uses: Counter[int] = Counter()
 
     def _assignments(self) -> tuple[dict[str, list[_Literal]], dict[str, str]]:
@@ -153,11 +154,17 @@ class _Reader:
             begins_list = self.code.startswith(("[", "p"), found.end()) and not found[2]
             literal = _literal(self.code, found.end()) if begins_list else None
             if literal is None or not _AFTER.match(self.code, literal.end):
-                if found[1] not in problems:
-                    problems[found[1]] = f"computed in line {line_of(self.data, found.start())}"
+                line = line_of(self.data, found.start())
+                problems.setdefault(found[1], f"computed in line {line}")
+                for name in _NAME.findall(self.code, found.end(), self._line_end(found.end())):
+                    self.bases.setdefault(name, line)
             else:
                 variables[found[1]].append(literal)
         return variables, problems
+
+    def _line_end(self, at: int) -> int:
+        found = _LINE_END.search(self.code, at)
+        return len(self.code) if found is None else found.start()
 
     def _function(self, at: int) -> tuple[int, int]:
         """The outermost function or thread around a place: those within it share its variables."""
