@@ -306,11 +306,18 @@ class TestCommand:
         other = written(tmp_path, joints_module(joints_of(IRB)), "other.mod")
         refused(["correct", model, file, "--out", other], "no program that truearm has corrected")
 
+    def test_a_target_without_a_name_is_named_with_its_line_once(self, tmp_path, model, truearm):
+        text = b"DEF made()\n\nLIN {X 900,Y 0,Z 900,A 0,B 90,C 0}\nEND\n"
+        ran = truearm("correct", model, written(tmp_path, text, "made.src"), "--out", tmp_path / "new.src")
+        assert "not corrected: line 3, LIN: " in ran.out
+
     def test_nothing_is_written_where_nothing_is_corrected(self, tmp_path, model, truearm):
         text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)).replace(",tGrip\\", ",tOther\\")
-        ran = truearm("correct", model, written(tmp_path, text), "--out", tmp_path / "new.mod")
+        ran = truearm("correct", model, written(tmp_path, text), "--out", tmp_path / "new.mod", "--diff")
         assert ran.code == 3
         assert "None of 20 targets corrected" in ran.out
+        assert "the new program" not in ran.out
+        assert "change [mm]" not in ran.out
         assert not (tmp_path / "new.mod").exists()
 
     def test_a_truncated_program_leaves_nothing(self, tmp_path, model, refused):

@@ -381,7 +381,8 @@ class CorrectedProgram(Record):
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
         yield self.summary()
-        yield f"direction {MEANING[self.direction]}"
+        if self.changes:
+            yield f"direction {MEANING[self.direction]}"
         yield from listed("refused", [_describe(one) for one in self.refused], "refused targets")
         literal = [_describe(one) for one in self.left if one.is_literal]
         yield from listed("not corrected", literal, "targets that are not corrected")
@@ -423,4 +424,6 @@ class CorrectedProgram(Record):
 
 
 def _describe(one: LeftAlone) -> str:
-    return f"line {one.line}, {one.name}: {one.reason}"
+    place = f"line {one.line}"
+    name = one.name.removesuffix(f" in {place}")  # of a target without a name of its own
+    return f"{place}, {name}: {one.reason}"

@@ -47,6 +47,6 @@ def run(
         if corrected.changes:
             corrected.save(out)
     print_record(corrected, as_json=as_json, files={"program": out if corrected.changes else None})
-    if diff and not as_json:
+    if diff and corrected.changes and not as_json:
         print_line(str(corrected.difference()))
     return 0 if corrected.is_complete else 1 if corrected.changes else 3
