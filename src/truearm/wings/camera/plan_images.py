@@ -21,6 +21,7 @@ from truearm.typing import FloatArray
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import TableRecord
 from truearm.wings.camera.boards import Board, named_board
+from truearm.wings.camera.images import Images, linearise
 from truearm.wings.camera.lenses import Lens, read_camera
 from truearm.wings.camera.virtual_cell import DISTANCE_WIDTHS, VirtualCell, board_for, working_lens
 from truearm.wings.planning.designs.candidates import Candidates
@@ -254,16 +255,12 @@ def _cell(
 
 def _noise_of_corners(cell: VirtualCell, angles: FloatArray) -> float:
     """Root mean square uncertainty of a coordinate of the board's middle by the corners of one image [mm]."""
-    corners = cell.board.points - cell.middle
-    variances = []
-    for T in cell.T_camera_board(angles):
-        arms = corners @ T[:3, :3].T
-        points = arms.T + T[:3, 3:]
-        seen = cell.lens.sees(points)
-        by_point = cell.lens.project_with_derivatives(points[:, seen])[1]
-        by_turn = np.cross(arms[seen].T[None], by_point, axis=1)  # J (w x arm) = (arm x J) w
-        J = np.concatenate([by_point, by_turn], axis=1).transpose(0, 2, 1).reshape(-1, 6)
-        scale = np.linalg.norm(J, axis=0)
-        covariance = np.linalg.inv((J / scale).T @ (J / scale)) / np.outer(scale, scale)
-        variances.append(np.trace(covariance[:3, :3]))
-    return CORNER_STD_PX * float(np.sqrt(np.mean(variances) / 3))
+    T = cell.T_camera_board(angles)
+    lens_is_known = np.zeros(len(cell.lens.intrinsics))
+    images = Images(cell.board.points - cell.middle, cell.project(T), cell.lens, lens_is_known, 0.0)
+    by_pose = linearise(images, T[:, :3, :3], T[:, :3, 3], np.zeros(0)).by_pose
+    scale = np.linalg.norm(by_pose, axis=1)  # mm and rad
+    by_pose /= scale[:, None]
+    covariance = np.linalg.inv(by_pose.transpose(0, 2, 1) @ by_pose)
+    variances = np.diagonal(covariance, axis1=1, axis2=2)[:, :3] / scale[:, :3] ** 2
+    return CORNER_STD_PX * float(np.sqrt(variances.mean()))

@@ -16,6 +16,7 @@ from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray
 from truearm.wings.camera.boards import Board, charuco
+from truearm.wings.camera.closed_form import motion
 from truearm.wings.camera.lenses import Lens
 from truearm.wings.camera.observations import PixelObservations
 from truearm.wings.planning.virtual.arm import VirtualArm
@@ -97,7 +98,7 @@ class VirtualCell:
         mounted[:3, :3], mounted[:3, 3] = (front * Rotation.from_rotvec(mount[0])).as_matrix(), mount[1]
         arm = virtual.nominal
         pose = arm.chain.with_tip(np.zeros(3)).pose(arm.working[None])
-        at_work = _frames(pose.R_base_tip, pose.tip_in_base)[0] @ mounted
+        at_work = motion(pose.R_base_tip, pose.tip_in_base)[0] @ mounted
         camera_board[:3, :3], camera_board[2, 3] = Rotation.from_rotvec(view).as_matrix(), distance_mm
         between = camera_board if in_hand else np.linalg.inv(camera_board)
         return cls(virtual, lens, board, scale, at_work @ between, mounted, in_hand)
@@ -115,7 +116,7 @@ class VirtualCell:
     def T_camera_board(self, angles: FloatArray, motions: FloatArray | None = None) -> FloatArray:
         """(n, 4, 4) poses of the board's middle in the camera; of the nominal arm without motions."""
         pose = self.virtual.nominal.chain.with_tip(np.zeros(3)).pose(angles, motions)
-        mounted = _frames(pose.R_base_tip, pose.tip_in_base) @ self.T_flange_mounted
+        mounted = motion(pose.R_base_tip, pose.tip_in_base) @ self.T_flange_mounted
         standing = np.linalg.inv(self.T_world_fixed) @ mounted
         seen = np.linalg.inv(standing) if self.is_in_hand else standing
         return np.asarray(seen * self._front)
@@ -227,12 +228,6 @@ def working_lens(width: int = 1280, height: int = 1024, focal_px: float = 1400.0
         "brown",
         [-0.12, 0.08, 4e-4, -3e-4, 0.01],
     )
-
-
-def _frames(R: FloatArray, t: FloatArray) -> FloatArray:
-    T = np.tile(np.eye(4), (len(R), 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = R, t
-    return T
 
 
 def board_for(arm: Arm) -> Board:

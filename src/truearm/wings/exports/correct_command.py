@@ -20,9 +20,15 @@ FrameOption = Annotated[
 ]
 
 
+# What a program states itself, and what is of programs alone.
+OF_TABLES = ("language", "fanuc_j3", "frame", "tool", "uncertainty", "conditions")
+OF_PROGRAMS = ("frames", "diff")
+
+
 @of_verb("truearm.wings.exports.correct:correct")
 def correct(
     verb: Any,
+    context: typer.Context,
     model: options.ModelFile,
     targets: Annotated[
         Path, Argument(metavar="TARGETS", help="A robot program, or a table of targets: joints, or poses of the tip.")
@@ -64,10 +70,12 @@ def correct(
     from truearm.wings.exports.targets.manifest import read_manifest
 
     if program_command.is_program(targets):
+        options.refuse_typed(context, OF_TABLES, "does not apply to a robot program")
         fitted = to_model_of_tip(model, tip)
-        given |= {"language": language, "fanuc_j3": fanuc_j3, "tool": tool, "frames": frames}
-        given |= {"start": _start_of(start, []), "diff": diff, "as_json": as_json}
-        raise typer.Exit(program_command.run(fitted, targets, out, **given))
+        chosen = {name: given[name] for name in ("direction", "untrained")}
+        chosen |= {"start": _start_of(start, []), "frames": frames, "diff": diff, "as_json": as_json}
+        raise typer.Exit(program_command.run(fitted, targets, out, **chosen))
+    options.refuse_typed(context, OF_PROGRAMS, "applies to robot programs only")
     check_output(out, language, fanuc_j3)
     check_file(out, model, targets, read=read_manifest)
     with progress(f"correcting {targets.name}"):

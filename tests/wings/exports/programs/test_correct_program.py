@@ -290,14 +290,24 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("options", "problem"),
         [
-            (["--as", "rapid"], "--as is for tables"),
-            (["--tool", "0,0,1"], "--tool is for tables"),
+            (["--as", "rapid"], "--as does not apply to a robot program"),
+            (["--tool", "0,0,1"], "--tool does not apply to a robot program"),
+            (["--frame", "base"], "--frame does not apply to a robot program"),
+            (["--no-uncertainty"], "does not apply to a robot program"),
+            (["--conditions", "repeatability"], "--conditions does not apply to a robot program"),
             (["--out", "new.csv"], ".mod"),
         ],
     )
     def test_options_of_tables_are_refused(self, tmp_path, model, refused, options, problem):
         file = written(tmp_path, joints_module(joints_of(IRB)))
         refused(["correct", model, file, "--out", tmp_path / "new.mod", *options], problem)
+
+    @pytest.mark.parametrize(("options", "name"), [(["--frames", "f.toml"], "--frames"), (["--diff"], "--diff")])
+    def test_options_of_programs_are_refused_with_a_table(self, tmp_path, model, refused, options, name):
+        table = written(tmp_path, "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,15,0,60,0\n", "t.csv")
+        refused(
+            ["correct", model, table, "--out", tmp_path / "c.csv", *options], f"{name} applies to robot programs only"
+        )
 
     def test_a_corrected_program_is_replaced_and_no_other(self, tmp_path, model, truearm, refused):
         file, out = written(tmp_path, joints_module(joints_of(IRB))), tmp_path / "new.mod"

@@ -5,16 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.models import Compensator
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_output
 from truearm.wings.exports.programs.correct_program import MAX_BYTES, correct_program, read_corrected
 from truearm.wings.exports.programs.languages import UNREADABLE, language_of
-
-# Options of tables, which a program states itself.
-_OF_TABLES = {"language": "--as", "fanuc_j3": "--fanuc-j3", "tool": "--tool"}
 
 
 def is_program(path: Path) -> bool:
@@ -33,12 +29,8 @@ def run(
     as_json: bool,
     direction: Any,
     untrained: Any,
-    **of_tables: object,
 ) -> int:
     """Correct a program and print what was done; returns the exit code of the command."""
-    for name, option in _OF_TABLES.items():
-        if of_tables.get(name) is not None:
-            raise InputError(f"{option} is for tables of targets; a program states it itself", file=program)
     check_output(out, program, frames, endings=(program.suffix,), read=read_corrected)
     with progress(f"correcting {program.name}"):
         corrected = correct_program(
