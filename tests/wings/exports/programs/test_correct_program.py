@@ -302,6 +302,14 @@ class TestCommand:
         file = written(tmp_path, joints_module(joints_of(IRB)))
         refused(["correct", model, file, "--out", tmp_path / "new.mod", *options], problem)
 
+    def test_a_program_of_another_maker_is_refused(self, tmp_path, model, refused):
+        text = b"DEF made()\nPTP {A1 0,A2 -90,A3 90,A4 0,A5 30,A6 0}\nEND\n"
+        file = written(tmp_path, text, "made.src")
+        refused(
+            ["correct", model, file, "--out", tmp_path / "new.src"],
+            "the program is one of KUKA KRL, the model that of ABB IRB 2600-12/1.65",
+        )
+
     @pytest.mark.parametrize(("options", "name"), [(["--frames", "f.toml"], "--frames"), (["--diff"], "--diff")])
     def test_options_of_programs_are_refused_with_a_table(self, tmp_path, model, refused, options, name):
         table = written(tmp_path, "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,15,0,60,0\n", "t.csv")
@@ -316,7 +324,9 @@ class TestCommand:
         other = written(tmp_path, joints_module(joints_of(IRB)), "other.mod")
         refused(["correct", model, file, "--out", other], "no program that truearm has corrected")
 
-    def test_a_target_without_a_name_is_named_with_its_line_once(self, tmp_path, model, truearm):
+    def test_a_target_without_a_name_is_named_with_its_line_once(self, tmp_path, truearm):
+        model = tmp_path / "kr16.truearm"
+        fitted("kr16").save(model)
         text = b"DEF made()\n\nLIN {X 900,Y 0,Z 900,A 0,B 90,C 0}\nEND\n"
         ran = truearm("correct", model, written(tmp_path, text, "made.src"), "--out", tmp_path / "new.src")
         assert "not corrected: line 3, LIN: " in ran.out

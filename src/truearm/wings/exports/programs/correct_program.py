@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import accepted_in_fit
+from truearm.arm.catalogue import maker_of
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -118,6 +119,12 @@ def correct_program(
         known = f"a program of {', '.join(one.title for one in LANGUAGES)}"
         hint = UNREADABLE.get(path.suffix.lower(), known)
         raise InputError("the file is a program of no known language", file=path, hint=hint)
+    if maker_of(fitted.arm_.title) not in language.title:  # no maker is in every title
+        raise InputError(
+            f"the program is one of {language.title}, the model that of {fitted.arm_.title}",
+            file=path,
+            hint="give the model of the robot that runs this program",
+        )
     stated = FramesFile() if frames is None else read_document(frames, FramesFile)
     beside = Surroundings(path, stated, fitted.arm_.chain.with_tip(np.zeros(3)))
     try:
