@@ -22,7 +22,7 @@ from benchmarks.rows import RowResult, Rows, Target, own_process, peak_bytes, ti
 from truearm.nets.normal_equations import GROUPS, FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
 from truearm.nets.train_varpro import ProjectedProblem, train_varpro
-from truearm.solve.arrays import add_product
+from truearm.solve.linear_algebra import add_product
 from truearm.solve.threads import cores, one_blas_thread
 
 ROWS = Rows()

@@ -9,7 +9,7 @@ from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.estimation.residual_variance import paule_mandel_variance
 from truearm.identification.references.references import Points
 from truearm.identification.terms import ArmState, constants
-from truearm.solve.effective_number import BLOCK, SHORT_BLOCKS
+from truearm.solve.sums import BLOCK, SHORT_BLOCKS
 
 NOISE = 0.05
 NONE_GROSS = np.inf

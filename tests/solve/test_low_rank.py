@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, posterior
-from truearm.solve.low_rank import LowRankEquations
+from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, LowRankEquations, posterior
 
 
 def drawn(seed, n, p, *, decades):

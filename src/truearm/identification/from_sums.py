@@ -21,8 +21,8 @@ from truearm.identification.estimation.rounds import SETTLED_STEP
 from truearm.identification.judgement.day_to_day import on_another_day
 from truearm.identification.judgement.missing_terms import SUFFIX, with_missing_terms
 from truearm.identification.terms import ArmState
-from truearm.solve.effective_number import DesignEffect
 from truearm.solve.group_evidence import determined_shares
+from truearm.solve.sums import DesignEffect
 from truearm.typing import FloatArray, IntArray
 
 

@@ -23,8 +23,7 @@ from truearm.models.identified_model import IdentifiedModel, KinematicModel, Nom
 from truearm.models.model_archive import Array, Header, decode_learned, read_archive
 from truearm.models.network import NetworkModel
 from truearm.nets.perceptron import MinMaxScaler
-from truearm.solve.arrays import add_to_diagonal, cholesky_solver
-from truearm.solve.square_roots import unit_diagonal
+from truearm.solve.linear_algebra import add_to_diagonal, cholesky_solver, unit_diagonal
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 

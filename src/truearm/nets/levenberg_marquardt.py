@@ -31,7 +31,7 @@ from truearm.solve import (
     StopReason,
     levenberg_marquardt,
 )
-from truearm.solve.arrays import Array, add_to_diagonal, to_numpy
+from truearm.solve.linear_algebra import Array, add_to_diagonal, to_numpy
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 

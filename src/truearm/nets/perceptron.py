@@ -15,7 +15,7 @@ import numpy.typing as npt
 from array_api_compat import array_namespace
 
 from truearm.errors import InputError
-from truearm.solve.arrays import Array, as_array_like
+from truearm.solve.linear_algebra import Array, as_array_like
 from truearm.typing import FloatArray
 
 

@@ -16,7 +16,7 @@ from truearm.errors import TruearmError
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import TrainingLog, TrainingOptions, TrainingRecord, checked_start
 from truearm.solve import CostConverged, CostGoal, NormalEquations, levenberg_marquardt
-from truearm.solve.arrays import Array, add_to_diagonal, as_array_like, cholesky_solve, to_numpy, whiten
+from truearm.solve.linear_algebra import Array, add_to_diagonal, as_array_like, cholesky_solve, to_numpy, whiten
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 

@@ -9,9 +9,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.readings.point_errors import PointErrors
-from truearm.solve.effective_number import block_starts, design_effect
-from truearm.solve.quantile_sketch import QuantileSketch
-from truearm.solve.sums import Sums, joined, one_below_the_other
+from truearm.solve.sums import QuantileSketch, Sums, block_starts, design_effect, joined, one_below_the_other
 from truearm.typing import FloatArray
 
 

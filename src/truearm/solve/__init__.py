@@ -1,7 +1,6 @@
 """Nonlinear least squares and evidence, assembled from parts; independent of arms and networks."""
 
 from truearm.solve.damping import MarquardtDamping, NielsenDamping, StepHalving
-from truearm.solve.gradient_descent import LearningRate, gradient_descent
 from truearm.solve.least_squares import (
     UNSOLVED,
     RowsResult,
@@ -33,7 +32,6 @@ __all__ = [
     "DampingLimit",
     "DenseProblem",
     "KnownStep",
-    "LearningRate",
     "MarquardtDamping",
     "MaxEpochs",
     "MaxSeconds",
@@ -48,7 +46,6 @@ __all__ = [
     "ValidationStop",
     "damped_step",
     "gauss_newton",
-    "gradient_descent",
     "levenberg_marquardt",
     "levenberg_marquardt_by_row",
 ]

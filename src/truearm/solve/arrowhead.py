@@ -23,7 +23,7 @@ from functools import reduce
 import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array
 
-from truearm.solve.square_roots import MIN_PIVOT, ROUNDING
+from truearm.solve.linear_algebra import MIN_PIVOT, ROUNDING
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 

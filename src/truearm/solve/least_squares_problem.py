@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from array_api_compat import array_namespace
 
-from truearm.solve.arrays import Array, add_to_diagonal, as_array_like, cholesky_solver, to_numpy
+from truearm.solve.linear_algebra import Array, add_to_diagonal, as_array_like, cholesky_solver, to_numpy
 from truearm.typing import FloatArray
 
 # Singular values of a dense Jacobian below this share of the largest: the data do not tell the parameters apart.

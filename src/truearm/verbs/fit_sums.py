@@ -29,8 +29,7 @@ from truearm.readings import Lengths, Session, read_lengths
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_error_sums import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
-from truearm.solve.effective_number import DesignEffect
-from truearm.solve.sums import MAX_KEPT, Sums, different, first_different, joined
+from truearm.solve.sums import MAX_KEPT, DesignEffect, Sums, different, first_different, joined
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import LengthsLike, Limits, allowed_in_part, check_has_reference
 from truearm.verbs.sentences import describe_effective_number, number_of

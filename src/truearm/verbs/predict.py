@@ -34,8 +34,7 @@ from truearm.readings import Session
 from truearm.readings.checks import serial_number_of, serial_number_of_all
 from truearm.readings.files import is_large, open_parquet
 from truearm.readings.readings import NAMED, PAYLOAD
-from truearm.solve.quantile_sketch import QuantileSketch
-from truearm.solve.sums import MAX_KEPT, Sums, different, joined
+from truearm.solve.sums import MAX_KEPT, QuantileSketch, Sums, different, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.verbs.inputs import (

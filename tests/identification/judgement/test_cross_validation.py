@@ -22,7 +22,7 @@ from truearm.identification.references.orientations import Orientations
 from truearm.identification.references.references import Length, Points, Seats, seats_of
 from truearm.identification.terms import ArmState, constants
 from truearm.identification.terms.catalogue import tool_rotation
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.linear_algebra import covariance_factor
 from truearm.wings.planning.designs.sampling.measuring import seat
 
 NOISE = 0.02  # mm

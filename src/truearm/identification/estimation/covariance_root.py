@@ -38,7 +38,7 @@ from truearm.identification.estimation.perturbed_chain import (
     as_slice,
     chunks,
 )
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.linear_algebra import covariance_factor
 from truearm.solve.trigonometric_sums import Multiples, bilinear_form, is_cheaper
 from truearm.typing import FloatArray, IntArray
 

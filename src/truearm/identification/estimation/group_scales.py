@@ -16,8 +16,14 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms.basis import Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, Posterior, prune_groups, update_scales
-from truearm.solve.low_rank import LowRankPosterior
+from truearm.solve.group_evidence import (
+    GroupedEquations,
+    GroupedPrior,
+    LowRankPosterior,
+    Posterior,
+    prune_groups,
+    update_scales,
+)
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Rounds of the evidence on one linearisation, at most, of as many as cost less than it: with p coefficients one costs

@@ -29,7 +29,7 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.identification.references.alignment import rigid_motions
 from truearm.identification.terms.state import ArmState
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.linear_algebra import covariance_factor
 from truearm.typing import FloatArray
 
 

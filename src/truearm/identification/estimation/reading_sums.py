@@ -22,9 +22,8 @@ from truearm.identification.estimation.residual_variance import (
 )
 from truearm.identification.references.references import Points
 from truearm.identification.terms.state import ArmState
-from truearm.solve.effective_number import DesignEffect, block_starts, design_effect
 from truearm.solve.group_evidence import GroupedPrior, Posterior, determined_shares, posterior
-from truearm.solve.sums import Sums, joined, one_below_the_other
+from truearm.solve.sums import DesignEffect, Sums, block_starts, design_effect, joined, one_below_the_other
 from truearm.typing import FloatArray, IntArray
 
 # Noise variances, relative to the one assumed, at which whitened residuals are summed: the noise is found between them.

@@ -32,7 +32,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Term
 from truearm.solve.group_evidence import GroupedEquations
-from truearm.solve.square_roots import unit_diagonal
+from truearm.solve.linear_algebra import unit_diagonal
 from truearm.typing import BoolArray, FloatArray
 
 PSEUDO_ARMS = 2.0

@@ -20,7 +20,7 @@ from truearm.pages.drawings.readings_scene import readings_scene
 from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.scene import Mechanism
-from truearm.solve.effective_number import design_effect
+from truearm.solve.sums import design_effect
 from truearm.typing import FloatArray
 
 # Share of the readings in their 95 % ellipsoids from which the stated uncertainty counts as confirmed: readings of one

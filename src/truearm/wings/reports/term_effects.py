@@ -16,7 +16,7 @@ import numpy as np
 from truearm.arm.rigid_motions import cos_sin
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms import ArmState, Harmonics
-from truearm.solve.square_roots import unit_diagonal
+from truearm.solve.linear_algebra import unit_diagonal
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 

@@ -18,7 +18,7 @@ from truearm.models import Compensator, IdentifiedModel
 from truearm.models.identified_model import require_identified
 from truearm.readings import Session
 from truearm.readings.readings import PAYLOAD
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.linear_algebra import covariance_factor
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.exports.targets.manifest import check_not_coupled
 

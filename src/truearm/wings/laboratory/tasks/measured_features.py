@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.linear_algebra import covariance_factor
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.laboratory.shapes.circle import fit_circle
 from truearm.wings.laboratory.shapes.cone import fit_cone

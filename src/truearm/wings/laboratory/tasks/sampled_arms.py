@@ -24,7 +24,7 @@ from truearm.models import Compensator, IdentifiedModel
 from truearm.models.identified_model import require_identified, to_identified
 from truearm.readings import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
-from truearm.solve.square_roots import covariance_factor
+from truearm.solve.linear_algebra import covariance_factor
 from truearm.typing import FloatArray
 from truearm.wings.planning.virtual.arm import VirtualArm
 from truearm.wings.planning.virtual.error_model import error_model, tip_compliance

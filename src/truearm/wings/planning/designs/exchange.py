@@ -39,7 +39,7 @@ import numpy.typing as npt
 from scipy.linalg import cho_solve
 
 from truearm.errors import InputError
-from truearm.solve.arrays import whiten
+from truearm.solve.linear_algebra import whiten
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.planning.designs.factors import factor_of, symmetric_matrix

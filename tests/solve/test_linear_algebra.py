@@ -1,4 +1,7 @@
-"""What the array API lacks, on NumPy and, where it is installed, on PyTorch."""
+"""What the array API lacks, on NumPy and, where it is installed, on PyTorch.
+
+Square roots of covariances: of whole rank, and singular.
+"""
 
 import ctypes
 
@@ -6,8 +9,15 @@ import numpy as np
 import pytest
 from scipy.linalg import cython_blas
 
-from truearm.solve import arrays
-from truearm.solve.arrays import add_product, add_to_diagonal, cholesky_solve, to_numpy, whiten
+from truearm.solve import linear_algebra
+from truearm.solve.linear_algebra import (
+    add_product,
+    add_to_diagonal,
+    cholesky_solve,
+    covariance_factor,
+    to_numpy,
+    whiten,
+)
 
 
 @pytest.fixture(params=["numpy", "torch"])
@@ -75,4 +85,15 @@ def test_a_blas_with_other_integers_is_not_called(other, monkeypatch):
     )
     name = named(cython_blas.__pyx_capi__["dgemm"]).replace(b"int *", other)  # a capsule does not keep its own copy
     monkeypatch.setitem(cython_blas.__pyx_capi__, "dgemm", made(1, name, None))
-    assert arrays._dgemm() is None
+    assert linear_algebra._dgemm() is None
+
+
+@pytest.mark.parametrize("rank", [0, 1, 2, 4])
+def test_the_square_of_a_factor_is_the_covariance(rng, rank):
+    """In units that differ by 10^6; to the rounding of doubles, and its root where the matrix is singular."""
+    units = np.array([1e-3, 1.0, 1e3, 1.0])
+    half = rng.normal(size=(rank, 4)) * units
+    found = covariance_factor(half.T @ half)
+    np.testing.assert_allclose(
+        found.T @ found / units / units[:, None], half.T @ half / units / units[:, None], atol=1e-7
+    )

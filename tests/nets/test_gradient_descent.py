@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from truearm.errors import TruearmError
-from truearm.solve import CostGoal, LearningRate, MaxEpochs, MaxSeconds, MinGradient, gradient_descent
+from truearm.nets.traingd import LearningRate, gradient_descent
+from truearm.solve import CostGoal, MaxEpochs, MaxSeconds, MinGradient
 
 
 class Parabola:

@@ -1,8 +1,9 @@
-"""Arrays of NumPy, or of PyTorch where the samples are PyTorch arrays, for example on a GPU.
+"""Linear algebra on arrays of NumPy, or of PyTorch where the samples are PyTorch arrays, for example on a GPU.
 
 Parameters and steps are NumPy vectors, which are small; samples, and the matrices summed over them, stay on the device
 of the samples. Nearly all arithmetic uses the Python array API, which both support; the functions here add what it
-lacks: sums in place and solutions with a Cholesky factor.
+lacks: sums in place and solutions with a Cholesky factor. Square roots of covariances, in NumPy alone, are of matrices
+that are scaled to a unit diagonal first, as their parameters have different units.
 
 Source: Python array API standard 2024.12, https://data-apis.org/array-api/2024.12.
 """
@@ -16,12 +17,56 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from array_api_compat import array_namespace, device, is_torch_array
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, cython_blas, solve_triangular
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, cython_blas, solve_triangular
 
 from truearm.typing import FloatArray
 
+# For a matrix of unit diagonal: eigenvalues below this share of the largest are rounding, and smaller squared pivots of
+# the Cholesky factor have lost their digits.
+ROUNDING = 1e-14
+MIN_PIVOT = 1e-12
 # An array of doubles of either library; static types know NumPy's only.
 Array = Any
+
+
+def unit_diagonal(matrix: FloatArray, size: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Scale rows and columns of a symmetric matrix so that radians and millimetres compare.
+
+    Source: A. van der Sluis, "Condition numbers and equilibration of matrices", Numer. Math. 14 (1969) 14: no diagonal
+    scaling has a much lower condition number.
+
+    Parameters
+    ----------
+    matrix : (p, p) array
+    size : (p,) array
+        The diagonal to scale by; that of the matrix by default. Rows where it is not positive are not scaled.
+
+    Returns
+    -------
+    scaled : (p, p) array
+        ``D^-1 A D^-1``, a copy.
+    scale : (p,) array
+        The diagonal of D: the square roots of `size`.
+    """
+    size = matrix.diagonal() if size is None else size
+    scale = np.sqrt(np.where(size > 0, size, 1.0))
+    scaled = matrix / scale
+    scaled /= scale[:, None]
+    return scaled, scale
+
+
+def covariance_factor(covariance: FloatArray) -> FloatArray:
+    """F with ``F^T F`` the covariance (p, p), which may be singular."""
+    if not len(covariance):
+        return covariance
+    matrix, scale = unit_diagonal(covariance)
+    try:
+        factor = cholesky(matrix, lower=False, check_finite=False)
+    except LinAlgError:  # singular to rounding
+        values, vectors = np.linalg.eigh(matrix)
+        factor = (vectors * np.sqrt(np.maximum(values, 0))).T
+    factor *= scale
+    return np.asarray(factor)
 
 
 def as_array_like(values: npt.ArrayLike, like: Array) -> Array:
