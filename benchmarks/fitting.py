@@ -27,7 +27,7 @@ from truearm.identification.terms import uniform_links
 from truearm.identification.terms.thermal import link_vectors
 from truearm.models import PhysicalModel
 from truearm.models.identified_model import IdentifiedModel
-from truearm.readings import Session, hold_out
+from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.wings.importing import datasets
 from truearm.wings.planning.designs.sampling.measuring import measuring_poses
@@ -75,7 +75,7 @@ def halves(readings: Session) -> Iterator[tuple[str, Session, Session, Session]]
         angle = readings.angles[:, joint - 1]
         below = angle <= np.median(angle)
         for which, half in (("below", below), ("above", ~below)):
-            teach, held_out = hold_out(readings.rows(half), by="position", fraction=0.15, seed=0)
+            teach, held_out = readings.rows(half).split(hold_out=0.15, seed=0)
             yield f"joint {joint} {which} {np.degrees(np.median(angle)):.0f} deg", teach, held_out, readings.rows(~half)
 
 

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from truearm.arm import Arm, load_arm
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.models.identified_model import IdentifiedModel
-from truearm.readings import Session, hold_out, point_errors
+from truearm.readings import Session, point_errors
 from truearm.typing import FloatArray
 from truearm.wings.importing import datasets
 
@@ -25,7 +25,7 @@ FIGURES = ("mean_mm", "p95_mm", "max_mm")
 
 def split(name: str, seed: int) -> tuple[Arm, Session, Session]:
     """Arm, training and test readings of a set with points."""
-    train, test = hold_out(datasets.load_readings(name), by=SPLITS[name], fraction=HELD_OUT, seed=seed)
+    train, test = datasets.load_readings(name).split(by=SPLITS[name], hold_out=HELD_OUT, seed=seed)
     return load_arm(datasets.DATASETS[name].arm), train, test
 
 

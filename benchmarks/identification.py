@@ -28,9 +28,9 @@ from truearm.identification.references.reading_references import place_base_coar
 from truearm.identification.terms import Term, candidate_terms, constants
 from truearm.models import PhysicalModel
 from truearm.models.refit import refit
-from truearm.readings import Session, hold_out, point_errors
+from truearm.readings import Session, point_errors
 from truearm.readings.lengths import Lengths
-from truearm.readings.seats import length_errors, seat_errors
+from truearm.readings.point_errors import length_errors, seat_errors
 from truearm.typing import FloatArray, IntArray, NameArray
 from truearm.wings.importing import datasets
 from truearm.wings.planning.designs.sampling import STRATEGIES
@@ -68,7 +68,7 @@ def seen(name: str, seed: int, label: str) -> Seen:
     """Fit a model to what one split trains on, once."""
     readings = datasets.load_readings(name)
     numbered = replace(readings, session=np.arange(len(readings)).astype(np.str_))
-    train, test = hold_out(numbered, by=SPLITS[name], fraction=HELD_OUT, seed=seed)
+    train, test = numbered.split(by=SPLITS[name], hold_out=HELD_OUT, seed=seed)
     model = MODELS[label](load_arm(datasets.DATASETS[name].arm)).fit_readings(replace(train, session=None))
     points, covariance = model.predict_readings(test, return_cov=True)
     lengths = squared_lengths(points, covariance, test)

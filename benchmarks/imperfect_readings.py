@@ -22,7 +22,7 @@ from truearm.models import KinematicModel, PhysicalModel
 from truearm.models.compensator import Compensator
 from truearm.readings import Session
 from truearm.readings.lengths import Lengths
-from truearm.readings.seats import seat_errors
+from truearm.readings.point_errors import seat_errors
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.importing import datasets
 from truearm.wings.planning.designs.sampling import STRATEGIES

@@ -27,7 +27,7 @@ from truearm.identification.terms.kernel import InducedProcess
 from truearm.models import PhysicalModel
 from truearm.models.model_file import check_model, load_model
 from truearm.models.refit import refit
-from truearm.readings import Session, hold_out
+from truearm.readings import Session
 from truearm.verbs.fit import fit
 from truearm.wings.exports.export import export
 from truearm.wings.exports.formats import json_model
@@ -156,7 +156,7 @@ def test_terms_that_are_the_cause_stay(arm, size, monkeypatch):
 def test_a_cable_driven_arm_is_predicted_better_with_a_process_beside_its_constants():
     if datasets.find_local("wam") is None:
         pytest.skip("the data set wam is not at hand (TRUEARM_DATA or ../shared/datasets)")
-    train, test = hold_out(datasets.load_readings("wam"), by="row", fraction=0.3, seed=0)
+    train, test = datasets.load_readings("wam").split(by="row", hold_out=0.3, seed=0)
     model = PhysicalModel(load_arm("wam")).fit_readings(train)
     assert in_place_of_terms(model)
     # 2.02 mm by constants, 1.79 with a Gaussian process on what they leave, 1.67 with one beside them

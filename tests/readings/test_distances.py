@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from refusals import refuses
-from truearm.readings import Session, hold_out, read_session, stratified_rows, write_session
+from truearm.readings import Session, read_session, stratified_rows, write_session
 from truearm.readings.anchors import bars_without_certificate, distance_errors, has_located_anchor, offset_std
 from truearm.readings.checks import check_sessions
 from truearm.readings.repeats import merge_repeats
@@ -112,7 +112,7 @@ def test_some_rows_are_spread_over_the_anchors() -> None:
     assert session.anchor is not None
     assert np.unique(session.anchor[rows], return_counts=True)[1].tolist() == [2, 2, 2]
     assert not np.isin(angles[rows], np.delete(angles, rows)).any()  # whole poses
-    train, test = hold_out(session, by="row", fraction=0.5, seed=0)
+    train, test = session.split(by="row", hold_out=0.5, seed=0)
     assert len(train) == len(test) == 6
     assert not np.isin(train.angles, test.angles).any()
     refuses("from 1 to the 12 readings with a seat or a distance, got 13", stratified_rows, session, 13, seed=1)

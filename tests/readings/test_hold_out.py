@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from refusals import refuses
 from truearm.errors import InputError
-from truearm.readings import Session, hold_out, read_session
+from truearm.readings import Session, read_session
 
 
 def readings_of(names, by="position"):
@@ -21,7 +21,7 @@ def readings_of(names, by="position"):
     seed=st.integers(0, 2**32),
 )
 def test_groups_stay_whole_and_nothing_is_lost(names, by, fraction, seed):
-    train, test = hold_out(readings_of(names, by), by=by, fraction=fraction, seed=seed)
+    train, test = readings_of(names, by).split(by=by, hold_out=fraction, seed=seed)
     assert not set(getattr(train, by)) & set(getattr(test, by))
     assert sorted([*train.angles[:, 0], *test.angles[:, 0]]) == list(range(len(names)))
     assert (np.diff(train.angles[:, 0]) > 0).all()
@@ -34,21 +34,21 @@ def test_groups_stay_whole_and_nothing_is_lost(names, by, fraction, seed):
 
 def test_the_seed_decides():
     readings = readings_of([str(i) for i in range(100)])
-    one, same, other = (hold_out(readings, fraction=0.3, seed=s)[1].angles for s in (1, 1, 2))
+    one, same, other = (readings.split(hold_out=0.3, seed=s)[1].angles for s in (1, 1, 2))
     np.testing.assert_array_equal(one, same)
     assert not np.array_equal(one, other)
     assert len(one) == 30
 
 
 def test_rows_are_their_own_groups():
-    train, test = hold_out(Session(np.arange(10.0)[:, None]), by="row", fraction=0.2, seed=0)
+    train, test = Session(np.arange(10.0)[:, None]).split(by="row", hold_out=0.2, seed=0)
     assert (len(train), len(test)) == (8, 2)
 
 
 def test_a_missing_column_is_said_with_those_that_are_there(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("q1_deg,seat\n1,A\n2,B\n")
-    caught = refuses("no column 'position' to split by", hold_out, read_session(path), fraction=0.3, seed=0)
+    caught = refuses("no column 'position' to split by", read_session(path).split, hold_out=0.3, seed=0)
     assert caught.file == path
     assert "by seat or row" in caught.hint
 
@@ -57,7 +57,7 @@ def test_a_reading_without_a_name_belongs_nowhere(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("q1_deg,position\n1,A\n2,\n3,B\n")
     with pytest.raises(InputError, match="line 3, column .position.: the reading names no position") as caught:
-        hold_out(read_session(path), fraction=0.3, seed=0)
+        read_session(path).split(hold_out=0.3, seed=0)
     assert (caught.value.line, caught.value.column) == (3, "position")
 
 
@@ -74,7 +74,7 @@ def test_a_split_keeps_what_else_is_known_of_a_reading():
         quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
         columns={"load_1_Nm": np.arange(n) * 2.0},
     )
-    for part in hold_out(whole, fraction=0.25, seed=0):
+    for part in whole.split(hold_out=0.25, seed=0):
         rows = part.angles[:, 0].astype(int)
         np.testing.assert_array_equal(part.points, points[rows])
         np.testing.assert_array_equal(part.columns["load_1_Nm"], rows * 2)
@@ -83,6 +83,6 @@ def test_a_split_keeps_what_else_is_known_of_a_reading():
 
 
 def test_splits_that_make_no_sense_are_refused():
-    refuses("at least two positions", hold_out, readings_of(["a", "a"]), fraction=0.5, seed=0)
-    refuses("between 0 and 1", hold_out, readings_of(["a", "b"]), fraction=30, seed=0)
-    refuses("expected a split by position", hold_out, readings_of(["a", "b"]), by="colour", fraction=0.5, seed=0)
+    refuses("at least two positions", readings_of(["a", "a"]).split, hold_out=0.5, seed=0)
+    refuses("between 0 and 1", readings_of(["a", "b"]).split, hold_out=30, seed=0)
+    refuses("expected a split by position", readings_of(["a", "b"]).split, by="colour", hold_out=0.5, seed=0)

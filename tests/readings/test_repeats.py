@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.readings import Session, hold_out
-from truearm.readings.repeats import merge_repeats, readings_of_one_pose
-from truearm.readings.rounding import rounding_steps
+from truearm.readings import Session
+from truearm.readings.repeats import merge_repeats, readings_of_one_pose, rounding_steps
 
 POSES, TIMES = 20, 3
 
@@ -79,7 +78,7 @@ def test_what_is_stated_otherwise_is_no_repeat_but_held_out_together(what):
     merged = merge_repeats(given)
     assert np.bincount(merged.count, minlength=4).tolist() == [0, POSES, POSES, 0]
     assert len(np.unique(readings_of_one_pose(given))) == POSES
-    train, test = hold_out(given, by="row", fraction=0.5, seed=0)
+    train, test = given.split(by="row", hold_out=0.5, seed=0)
     assert len(train) == len(test) == POSES * TIMES / 2
 
 

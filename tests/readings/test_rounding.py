@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truearm.readings.rounding import LEAST_STEP, MOST_STEPS, _possible, _sharpened, rounding_steps
+from truearm.readings.repeats import LEAST_STEP, MOST_STEPS, _possible, _sharpened, rounding_steps
 
 STEPS = {
     "0.1 deg": np.radians(0.1),

@@ -18,8 +18,14 @@ from truearm.models.compensator import Compensator
 from truearm.models.identified_model import to_identified
 from truearm.models.training_conditions import TrainingReadings
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
-from truearm.readings.point_errors import compare_errors, point_errors
-from truearm.readings.seats import LengthSummary, has_repeated_seat, length_errors, seat_errors
+from truearm.readings.point_errors import (
+    LengthSummary,
+    compare_errors,
+    has_repeated_seat,
+    length_errors,
+    point_errors,
+    seat_errors,
+)
 from truearm.readings.thermal_expansion import expanded_lengths
 
 # Root mean square of a coordinate that rounding to 0.01 mm leaves, as most pendants show it, with a quarter to spare

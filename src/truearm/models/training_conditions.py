@@ -25,8 +25,7 @@ from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.readings.checks import MAX_SKIPPED_SHARE
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import DIRECTION, LOAD, PAYLOAD
-from truearm.readings.repeats import merge_repeats
-from truearm.readings.rounding import LEAST_VALUES, MOST_OFF, rounding_steps
+from truearm.readings.repeats import LEAST_VALUES, MOST_OFF, merge_repeats, rounding_steps
 from truearm.readings.session import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, UNSTATED_U_K
 from truearm.typing import BoolArray, FloatArray

@@ -13,10 +13,17 @@ from truearm.readings.checks import (
 )
 from truearm.readings.files import check_session_path, write_session
 from truearm.readings.lengths import Lengths, read_lengths, write_lengths
-from truearm.readings.point_errors import ErrorComparison, PointErrors, compare_errors, point_errors
-from truearm.readings.seats import LengthSummary, SeatErrors, length_errors, seat_errors
-from truearm.readings.session import Session, read_session
-from truearm.readings.split import hold_out, stratified_rows
+from truearm.readings.point_errors import (
+    ErrorComparison,
+    LengthSummary,
+    PointErrors,
+    SeatErrors,
+    compare_errors,
+    length_errors,
+    point_errors,
+    seat_errors,
+)
+from truearm.readings.session import Session, read_session, stratified_rows
 
 __all__ = [
     "ErrorComparison",
@@ -34,7 +41,6 @@ __all__ = [
     "check_sessions",
     "compare_errors",
     "has_reference",
-    "hold_out",
     "length_errors",
     "limit_excesses",
     "point_errors",

@@ -24,8 +24,7 @@ from truearm.files.file_reading import access_error, check_readable
 from truearm.files.spreadsheet_forms import encoding_of_form, form_of
 from truearm.readings.columns import QUATERNION, Columns, fields_of_frame, recognise_columns, session_columns
 from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_parquet
-from truearm.readings.session import Session
-from truearm.readings.split import chosen_groups, group_names
+from truearm.readings.session import Session, chosen_groups, group_names
 from truearm.solve.executors import Executor, Serial, results_in_order
 from truearm.solve.sums import Sums
 from truearm.solve.threads import one_blas_thread
@@ -343,7 +342,7 @@ def held_out_rows(large: LargeSession, *, by: str, fraction: float, seed: int) -
     Raises
     ------
     InputError
-        As `truearm.readings.split.hold_out`; or if there are more than `MAX_GROUPS` groups.
+        As `Session.split`; or if there are more than `MAX_GROUPS` groups.
     """
     if by == "row":
         n = -(-len(large) // STRETCH)

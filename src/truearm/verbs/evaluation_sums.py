@@ -22,8 +22,7 @@ from truearm.models.uncertainty import uncertainty_budget
 from truearm.readings import Session, check_reach
 from truearm.readings.checks import MAX_SKIPPED_SHARE, serial_number_of, serial_number_of_all
 from truearm.readings.large_sessions import LargeSession, Part
-from truearm.readings.point_error_sums import PointErrorSums
-from truearm.readings.point_errors import removed_percent
+from truearm.readings.point_errors import PointErrorSums, removed_percent
 from truearm.solve.sums import MAX_KEPT, Sums, different, joined
 from truearm.typing import IntArray
 from truearm.verbs.inputs import (

@@ -27,7 +27,7 @@ from truearm.models.identified_model import IdentifiedModel, to_identified
 from truearm.models.training_conditions import InputRange, TrainingConditions
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.readings.large_sessions import LargeSession, Part
-from truearm.readings.point_error_sums import PointErrorSums
+from truearm.readings.point_errors import PointErrorSums
 from truearm.readings.reference_uncertainty import scale_errors
 from truearm.solve.sums import MAX_KEPT, DesignEffect, Sums, different, first_different, joined
 from truearm.typing import FloatArray

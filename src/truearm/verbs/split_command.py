@@ -32,10 +32,10 @@ def split(
     """
     from truearm.files.atomic_write import atomic_file, is_same_file
     from truearm.files.table_writer import table_writer
-    from truearm.readings import check_session_path, hold_out, read_session, write_session
+    from truearm.readings import check_session_path, read_session, write_session
     from truearm.readings.files import is_large
     from truearm.readings.large_sessions import LargeSession, held_out_rows
-    from truearm.readings.split import SplitBy
+    from truearm.readings.session import SplitBy
 
     if is_same_file(train, test):
         raise InputError("--train and --test are the same file", file=train)
@@ -58,7 +58,7 @@ def split(
                                 counts[i] += int(rows.sum())
                         update(sum(counts), f"{sum(counts)} of {len(large)} readings")
         else:
-            parts = hold_out(read_session(session), by=cast(SplitBy, by), fraction=share, seed=seed)
+            parts = read_session(session).split(by=cast(SplitBy, by), hold_out=share, seed=seed)
             with atomic_file(train) as new_train, atomic_file(test) as new_test:
                 for i, (path, one) in enumerate(zip((new_train, new_test), parts, strict=True)):
                     write_session(one, path)

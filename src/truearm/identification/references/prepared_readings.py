@@ -35,7 +35,7 @@ from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Measured, points_there
 from truearm.readings.reference_uncertainty import scale_errors
-from truearm.readings.rounding import rounding_steps
+from truearm.readings.repeats import rounding_steps
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 

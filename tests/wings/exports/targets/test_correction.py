@@ -12,7 +12,6 @@ from refusals import refuses
 from truearm.arm import Pose, load_arm
 from truearm.identification.terms import Temperature
 from truearm.models import KinematicModel, PhysicalModel
-from truearm.readings import hold_out
 from truearm.wings.exports.targets.correction import correct_targets, task_of
 from truearm.wings.exports.targets.inverse import follow, keeps_configuration, solve_poses
 from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, reference_from_base, with_tool
@@ -389,7 +388,7 @@ def test_measured_points_give_back_the_joints_that_were_there():
     """Real readings: at the tip the joints found are as far from those recorded as the model from the points."""
     if datasets.find_local("ur10-a") is None:
         pytest.skip("the published readings are not here (TRUEARM_DATA)")
-    train, test = hold_out(datasets.load_readings("ur10-a"), by="position", fraction=0.3, seed=1)
+    train, test = datasets.load_readings("ur10-a").split(by="position", hold_out=0.3, seed=1)
     train, test = train.rows(slice(None, None, 20)), test.rows(slice(None, None, 40))
     model = KinematicModel(load_arm("ur10")).fit_readings(train)
     R = pose_of(model, test.angles).R_base_tip
