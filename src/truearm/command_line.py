@@ -22,7 +22,7 @@ from typer import Option
 from truearm import __version__, wings
 from truearm.errors import TruearmError
 from truearm.printable_text import printable
-from truearm.verbs.signature import Group
+from truearm.verbs.options import Group
 
 # The first screen of the help: what a person has in hand, and in it the order in which a newcomer needs the commands.
 GROUPS = {
@@ -37,7 +37,7 @@ GROUPS = {
 
 def _commands() -> dict[str, str]:
     """The module and function of each command of the core and of the wings that are here, in the order of the help."""
-    core = {word: f"truearm.verbs.{word}_command:{word}" for word in ("split", "fit", "refit", "predict", "evaluate")}
+    core = {word: f"truearm.verbs.commands:{word}" for word in ("split", "fit", "refit", "predict", "evaluate")}
     found = wings.commands() | core  # a wing replaces no command of the core
     listed = [word for words in GROUPS.values() for word in words if word in found]
     return {word: found[word] for word in [*listed, *(word for word in found if word not in listed)]}

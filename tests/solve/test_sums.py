@@ -28,7 +28,7 @@ from truearm.solve.sums import (
     one_below_the_other,
 )
 from truearm.typing import FloatArray
-from truearm.verbs.sentences import describe_effective_number
+from truearm.verbs.record import describe_effective_number
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,8 @@ from command_line import called, declared, functions
 from refusals import refuses
 from truearm.command_line import OTHER_NAMES
 from truearm.models import HybridModel, NetworkModel
-from truearm.verbs.fit_command import MODELS_OF, PARAMETERS
-from truearm.verbs.signature import KINDS, Source, of_verb, parameters_described
+from truearm.verbs.commands import MODELS_OF, PARAMETERS
+from truearm.verbs.options import KINDS, Source, of_verb, parameters_described
 
 # What an option means where commands say it in their own words.
 MEANINGS = {

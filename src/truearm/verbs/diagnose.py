@@ -9,6 +9,7 @@ from typing import Any
 from truearm.arm.arm import Arm
 from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
+from truearm.findings import format_mm
 from truearm.identification.judgement.description_check import DescriptionCheck, Explanation, check_description
 from truearm.identification.references.reference_table import LEAST_READINGS, MOST_READINGS, reference_table
 from truearm.readings import Lengths, read_lengths
@@ -16,7 +17,6 @@ from truearm.readings.checks import check_angles
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_free_parts, to_session
 from truearm.verbs.record import TableRecord, TextTable, columns_of
-from truearm.verbs.sentences import format_mm
 
 # Below this, errors of the constants move no reading against the others: rounding [mm].
 _NO_EFFECT_MM = 1e-6

@@ -35,7 +35,7 @@ from truearm.verbs.inputs import (
     skipped_training,
     training_findings,
 )
-from truearm.verbs.sentences import describe_effective_number
+from truearm.verbs.record import describe_effective_number
 
 # Outliers of a part, and of all, that are kept: the largest.
 MAX_OUTLIERS = 20

@@ -15,7 +15,7 @@ from truearm.arm import Arm
 from truearm.arm.arm import joint_zeros, with_zeros
 from truearm.choices import ModelName
 from truearm.errors import Contradiction, InputError
-from truearm.findings import Finding, findings_of, in_order
+from truearm.findings import Finding, findings_of, format_mm, in_order
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.judgement.frame_changes import SessionChange
 from truearm.identification.judgement.outliers import Outlier
@@ -41,8 +41,7 @@ from truearm.verbs.inputs import (
     to_free_parts,
     to_session,
 )
-from truearm.verbs.record import Record, TextTable, format_fixed
-from truearm.verbs.sentences import compare_with_nominal, format_mm, listed, with_lengths
+from truearm.verbs.record import Record, TextTable, compare_with_nominal, format_fixed, listed, with_lengths
 
 if TYPE_CHECKING:
     from truearm.solve.executors import Executor

@@ -32,7 +32,7 @@ from truearm.readings.reference_uncertainty import scale_errors
 from truearm.solve.sums import MAX_KEPT, DesignEffect, Sums, different, first_different, joined
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import LengthsLike, Limits, allowed_in_part, check_has_reference
-from truearm.verbs.sentences import describe_effective_number, number_of
+from truearm.verbs.record import describe_effective_number, number_of
 
 # Stretches of the session that are held out in turn.
 FOLDS = 10

@@ -17,7 +17,7 @@ from truearm.acceptance import accepted_in_fit
 from truearm.arm import Arm, load_arm
 from truearm.choices import Limits as Limits
 from truearm.errors import InputError
-from truearm.findings import Finding, findings_of
+from truearm.findings import Finding, findings_of, format_mm
 from truearm.identification.judgement.description_check import explain_readings
 from truearm.identification.judgement.nominal_check import MAX_NOMINAL_ERROR
 from truearm.identification.references.prepared_readings import MIN_ROWS
@@ -37,7 +37,7 @@ from truearm.readings.repeats import MergedReadings, merge_repeats
 from truearm.readings.session import doubtful_names
 from truearm.readings.thermal_expansion import REFERENCE_DEGC, STEEL_PER_K, thermal_expansion_of
 from truearm.typing import BoolArray, FloatArray, IntArray
-from truearm.verbs.sentences import agree, format_mm, number_of
+from truearm.verbs.record import agree, number_of
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -50,8 +50,7 @@ from truearm.verbs.inputs import (
     to_model_and_session,
 )
 from truearm.verbs.outputs import check_output
-from truearm.verbs.record import TableRecord, format_fixed
-from truearm.verbs.sentences import SAME_DAY, agree, number_of
+from truearm.verbs.record import SAME_DAY, TableRecord, agree, format_fixed, number_of
 
 if TYPE_CHECKING:  # no small session waits for these
     from truearm.readings.large_sessions import Part

@@ -10,6 +10,7 @@ import numpy as np
 
 from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
 from truearm.errors import InputError
+from truearm.findings import format_mm
 from truearm.identification.judgement.outliers import Outlier, outliers
 from truearm.models.compensator import Compensator
 from truearm.models.identified_model import IdentifiedModel
@@ -28,8 +29,7 @@ from truearm.verbs.inputs import (
     to_model_and_session,
     within_limits,
 )
-from truearm.verbs.record import Record, format_fixed
-from truearm.verbs.sentences import format_mm, listed
+from truearm.verbs.record import Record, format_fixed, listed
 
 
 @one_blas_thread()

@@ -10,10 +10,9 @@ from typer import Argument, Option
 from truearm.verbs import options
 from truearm.verbs.console import print_record
 from truearm.verbs.outputs import check_output
-from truearm.verbs.signature import of_verb
 
 
-@of_verb("truearm.wings.camera.sheets:draw_board")
+@options.of_verb("truearm.wings.camera.sheets:draw_board")
 def board(
     verb: Any,
     board: Annotated[str, Argument(metavar="BOARD", help="Its text, as charuco:8x11,15mm,11mm.")],

@@ -9,13 +9,12 @@ from typer import Argument, Option
 
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.signature import of_verb
 
 BoardOption = Annotated[str, Option("--board", help="The board, as charuco:8x11,15mm,11mm; see truearm board.")]
 CameraOption = Annotated[Path | None, Option("--camera", help="The camera's intrinsics: camera_info of ROS, .yaml.")]
 
 
-@of_verb("truearm.wings.camera.find_corners:find_corners", omit=("progress",))
+@options.of_verb("truearm.wings.camera.find_corners:find_corners", omit=("progress",))
 def corners(
     verb: Any,
     session: options.SessionFile,

@@ -14,8 +14,7 @@ from truearm.errors import InputError
 from truearm.identification.references.prepared_readings import MIN_ROWS
 from truearm.verbs.inputs import SessionLike, to_session
 from truearm.verbs.outputs import check_output
-from truearm.verbs.record import Record
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import Record, number_of
 from truearm.wings.camera.boards import Board, named_board
 from truearm.wings.camera.detection import Detection, Detector, Image, SeenImage
 from truearm.wings.camera.image_files import images_of_readings, list_images, read_image

@@ -24,8 +24,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verbs.fit import fit
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_session
-from truearm.verbs.record import TextTable, format_fixed
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import TextTable, format_fixed, number_of
 from truearm.wings.camera.boards import Board, parse_board
 from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
 from truearm.wings.camera.hand_eye import HandEyeResult

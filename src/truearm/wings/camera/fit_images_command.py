@@ -10,11 +10,10 @@ from typer import Argument, Option
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_model_output, check_new_output
-from truearm.verbs.signature import of_verb
 from truearm.wings.camera.corners_command import BoardOption, CameraOption
 
 
-@of_verb("truearm.wings.camera.fit_images:fit_images", called={"u_camera_px": "--u-camera"})
+@options.of_verb("truearm.wings.camera.fit_images:fit_images", called={"u_camera_px": "--u-camera"})
 def fit_images(
     verb: Any,
     session: Annotated[Path, Argument(metavar="SESSION", help="Session file with the joints of every image.")],

@@ -15,15 +15,14 @@ from truearm.acceptance import acceptance_remarks, accepts, contradict
 from truearm.arm import Arm
 from truearm.choices import ModelName
 from truearm.errors import InputError
-from truearm.findings import Finding, in_order
+from truearm.findings import Finding, format_mm, in_order
 from truearm.models.identified_model import require_identified
 from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, to_arm
-from truearm.verbs.record import Record, TextTable, format_fixed
-from truearm.verbs.sentences import format_mm, number_of
+from truearm.verbs.record import Record, TextTable, format_fixed, number_of
 from truearm.wings.camera.closed_form import inverse, motion, refined
 from truearm.wings.camera.interpretation import Interpretation, interpret
 from truearm.wings.camera.mounts import Transform, of_alone, of_model

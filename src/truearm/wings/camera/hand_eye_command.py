@@ -11,11 +11,10 @@ from truearm.errors import InputError
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_model_output, check_new_output
-from truearm.verbs.signature import of_verb
 from truearm.wings.camera import TransformFormat
 
 
-@of_verb("truearm.wings.camera.hand_eye:hand_eye")
+@options.of_verb("truearm.wings.camera.hand_eye:hand_eye")
 def hand_eye(
     verb: Any,
     samples: Annotated[

@@ -16,7 +16,7 @@ from truearm.acceptance import contradict
 from truearm.errors import InputError
 from truearm.readings.columns import FACTOR
 from truearm.typing import FloatArray, IntArray
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import number_of
 from truearm.wings.camera.closed_form import ClosedForm, Parallel, closed_form, inverse, motion
 from truearm.wings.camera.pose_files import Poses
 from truearm.wings.camera.rotation_forms import described

@@ -11,11 +11,10 @@ from typer import Option
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_new_output
-from truearm.verbs.signature import of_verb
 from truearm.wings.camera.corners_command import CameraOption
 
 
-@of_verb(
+@options.of_verb(
     "truearm.wings.camera.plan_images:plan_images", called={"distance_mm": "--distance"}, within={"poses": (6, 300)}
 )
 def plan_images(

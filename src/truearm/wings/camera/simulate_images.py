@@ -16,8 +16,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_new_file
 from truearm.readings import Session, write_session
 from truearm.verbs.inputs import ArmLike, to_arm
-from truearm.verbs.record import Record
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import Record, number_of
 from truearm.wings.camera.boards import Board, named_board
 from truearm.wings.camera.image_files import COLUMN
 from truearm.wings.camera.patterns import pattern_of

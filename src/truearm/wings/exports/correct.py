@@ -15,6 +15,7 @@ from truearm.choices import Conditions
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import escape_formula
+from truearm.findings import format_mm
 from truearm.models import Compensator
 from truearm.models.arm_check import check_has_kinematics
 from truearm.readings.columns import FACTOR, unit_of
@@ -22,8 +23,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 from truearm.verbs.inputs import ModelLike, is_model_file, to_model_of_tip
 from truearm.verbs.predict import check_table_path
-from truearm.verbs.record import TableRecord, format_fixed
-from truearm.verbs.sentences import format_mm, listed
+from truearm.verbs.record import TableRecord, format_fixed, listed
 from truearm.wings.exports.targets import TargetDirection
 from truearm.wings.exports.targets.correction import JOINTS_OF_A_POSE, Correction, Untrained, correct_targets
 from truearm.wings.exports.targets.manifest import Frame, Manifest, TargetsManifest, check_joints, read_manifest

@@ -12,7 +12,6 @@ from typer import Argument, Option
 from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_output as check_file
-from truearm.verbs.signature import of_verb
 from truearm.wings.exports.targets import FanucJ3, Frame, RobotLanguage
 
 FrameOption = Annotated[
@@ -25,7 +24,7 @@ OF_TABLES = ("language", "fanuc_j3", "frame", "tool", "uncertainty", "conditions
 OF_PROGRAMS = ("frames", "diff")
 
 
-@of_verb("truearm.wings.exports.correct:correct")
+@options.of_verb("truearm.wings.exports.correct:correct")
 def correct(
     verb: Any,
     context: typer.Context,

@@ -11,12 +11,11 @@ from typer import Option
 from truearm.errors import InputError
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.signature import of_verb
 from truearm.wings.exports.correct_command import FrameOption
 from truearm.wings.exports.formats import ExportFormat
 
 
-@of_verb("truearm.wings.exports.export:export")
+@options.of_verb("truearm.wings.exports.export:export")
 def export(
     verb: Any,
     model: options.ModelFile,

@@ -17,11 +17,11 @@ from truearm import __version__
 from truearm.arm.catalogue import arm_path
 from truearm.choices import ModelName
 from truearm.errors import InputError, MissingTool, TruearmError
+from truearm.findings import format_mm
 from truearm.identification.terms.type_prior import read_type_prior
 from truearm.models import IdentifiedModel
 from truearm.models.identified_model import to_identified
 from truearm.verbs.fit import FitResult, fit
-from truearm.verbs.sentences import format_mm
 from truearm.wings.exports.formats.constants_table import constants_table
 from truearm.wings.exports.formats.rigid_arm import best_rigid_arm
 from truearm.wings.fleet.stored_files import content_sha256, local_copy

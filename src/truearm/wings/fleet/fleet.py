@@ -34,8 +34,7 @@ from truearm.readings import read_session
 from truearm.solve.executors import Executor, Serial, WorkerLost
 from truearm.verbs.fit import WITHOUT_CONSTANTS
 from truearm.verbs.inputs import LengthsLike, SessionLike
-from truearm.verbs.record import TableRecord, TextTable, columns_of
-from truearm.verbs.sentences import agree, number_of
+from truearm.verbs.record import TableRecord, TextTable, agree, columns_of, number_of
 from truearm.wings.fleet.arm_list import RegisteredArm
 from truearm.wings.fleet.certificates import read_registered
 from truearm.wings.fleet.fit_task import FitRow, FitTask, check_serial_number, fit_arm, key_of

@@ -103,7 +103,7 @@ def remove(
     Its readings, fits, checks and certificates are no longer in the registry. Session files, certificates, model files
     and the results of its fits (Parquet) stay.
     """
-    from truearm.verbs.sentences import number_of
+    from truearm.verbs.record import number_of
     from truearm.wings.fleet.fleet import Fleet
 
     opened = Fleet(folder)

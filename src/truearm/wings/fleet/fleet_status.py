@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from truearm.number_format import RoundedNumber
 from truearm.pages.drawings.page_record import PageRecord, version_row
-from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed, number_of
 from truearm.wings.fleet.arm_list import RegisteredArm
 from truearm.wings.fleet.certificates import RegisteredCertificate
 from truearm.wings.fleet.fit_task import FitRow

@@ -45,8 +45,7 @@ from truearm.solve.executors import Executor, WorkerLost
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import within_limits
-from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed, number_of
 from truearm.wings.fleet.arm_list import RegisteredArm
 from truearm.wings.fleet.stored_files import local_copy
 

@@ -11,9 +11,8 @@ from typer import Argument, Option
 from truearm.choices import Trainer
 from truearm.errors import InputError
 from truearm.verbs import options
+from truearm.verbs.commands import layer_sizes
 from truearm.verbs.console import print_json, print_line, print_status, progress
-from truearm.verbs.fit_command import layer_sizes
-from truearm.verbs.signature import of_verb
 
 STEPS = 10_000  # of the bar
 # Options of one use of the command.
@@ -23,7 +22,7 @@ OF_READINGS = (
 )  # fmt: skip
 
 
-@of_verb("truearm.wings.gao2017.reproduce:reproduce", omit=("folder",))
+@options.of_verb("truearm.wings.gao2017.reproduce:reproduce", omit=("folder",))
 def reproduce(
     verb: Any,
     context: typer.Context,

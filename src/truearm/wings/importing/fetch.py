@@ -8,8 +8,7 @@ from pathlib import Path
 
 from truearm.files.atomic_write import atomic_file
 from truearm.readings import Lengths, Session, write_lengths, write_session
-from truearm.verbs.record import Record
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import Record, number_of
 from truearm.wings.importing import datasets
 
 

@@ -13,7 +13,6 @@ from truearm.errors import InputError
 from truearm.verbs import options
 from truearm.verbs.console import print_json, print_line, progress
 from truearm.verbs.outputs import check_new_output, check_output_is_not_input
-from truearm.verbs.signature import of_verb
 
 if TYPE_CHECKING:
     from truearm.typing import FloatArray
@@ -32,7 +31,7 @@ Names = tuple[str, ...]
 MOST_IN_A_RANGE = 100  # columns of 1-6
 
 
-@of_verb(
+@options.of_verb(
     "truearm.wings.importing.foreign.tables:import_table",
     omit=("columns", "scale", "points_from", "part"),
     called=NAMES,
@@ -164,7 +163,7 @@ def _coupled(found: ImportedTable, sums: str) -> ImportedTable:
 
 
 def _print_result(found: ImportedTable, tables: str, out: Path | None) -> None:
-    from truearm.verbs.sentences import number_of
+    from truearm.verbs.record import number_of
 
     said = f"{number_of(len(found.session))} of {found.session.n_joints} joints from {tables}"
     print_line(f"{out}: {said}" if out else said)

@@ -16,14 +16,14 @@ from truearm.arm.rigid_motions import screw_z
 from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_file
+from truearm.findings import format_mm
 from truearm.models.arm_check import arm_of_readings
 from truearm.readings import Session
 from truearm.readings.checks import serial_number_of
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 from truearm.verbs.inputs import SessionLike, to_session, unfilled_rows
-from truearm.verbs.record import TableRecord, TextTable, format_fixed
-from truearm.verbs.sentences import format_mm, number_of
+from truearm.verbs.record import TableRecord, TextTable, format_fixed, number_of
 from truearm.wings.planning.circles.axes import Axes, EstimatedAxes, estimate_axes, uncertain_directions
 from truearm.wings.planning.circles.joint_circles import (
     LEAST_POINTS,

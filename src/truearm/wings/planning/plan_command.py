@@ -12,14 +12,13 @@ from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_new_output
-from truearm.verbs.signature import of_verb
 from truearm.wings.planning.designs import ArtefactKind, Strategy
 
 # Options of a calibration that the plan of an interim check does not take.
 NOT_FOR_CHECKS = ("poses", "page", "seats", "noise_mm", "strategy", "terms", "session", "volume", "accept")
 
 
-@of_verb(
+@options.of_verb(
     "truearm.wings.planning.plan:plan", called={"length_mm": "--bar"}, within={"poses": (1, 500), "seats": (1, 200)}
 )
 def plan(

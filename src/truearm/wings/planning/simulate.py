@@ -21,8 +21,7 @@ from truearm.files.atomic_write import atomic_file
 from truearm.readings import Lengths, PointErrors, Session, write_lengths, write_session
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, to_arm
-from truearm.verbs.record import Record
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import Record, number_of
 from truearm.wings.planning.designs.candidates import bar_places
 from truearm.wings.planning.designs.planned_readings import read_planned
 from truearm.wings.planning.designs.sampling import STRATEGIES, Poses, seat

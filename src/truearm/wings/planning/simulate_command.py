@@ -14,7 +14,6 @@ from truearm.errors import InputError
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_new_output
-from truearm.verbs.signature import of_verb
 
 if TYPE_CHECKING:
     from truearm.wings.planning.simulate import SimulationResult
@@ -24,7 +23,7 @@ WITHIN = {"poses": (0, 10_000_000), "anchors": (0, 100), "bars": (0, 1000)}
 STATED_BY_A_PLAN = ("poses", "strategy", "seats", "bars", "bar_mm", "anchors", "half_width_deg", "no_reference")
 
 
-@of_verb("truearm.wings.planning.simulate:simulate", omit=("reference",), within=WITHIN)
+@options.of_verb("truearm.wings.planning.simulate:simulate", omit=("reference",), within=WITHIN)
 def simulate(
     verb: Any,
     context: typer.Context,

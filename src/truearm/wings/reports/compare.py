@@ -10,14 +10,14 @@ from typing import Any
 
 from truearm.acceptance import accepted_in_fit
 from truearm.errors import InputError
+from truearm.findings import format_mm
 from truearm.models import IdentifiedModel
 from truearm.models.identified_model import require_identified
 from truearm.models.training_conditions import TrainingConditions
 from truearm.readings.readings import PAYLOAD
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ModelLike, to_model_of_tip
-from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed, to_plain
-from truearm.verbs.sentences import format_mm, number_of
+from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed, number_of, to_plain
 from truearm.wings.exports.formats.constants_change import FALSE_ALARM, ArmChange, ConstantChange, constants_change
 from truearm.wings.exports.formats.rigid_arm import same_chain
 

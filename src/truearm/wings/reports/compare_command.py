@@ -9,10 +9,9 @@ from typer import Argument
 
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.signature import of_verb
 
 
-@of_verb("truearm.wings.reports.compare:compare")
+@options.of_verb("truearm.wings.reports.compare:compare")
 def compare(
     verb: Any,
     old: Annotated[Path, Argument(metavar="OLD", help="Model file of the arm before.")],

@@ -13,7 +13,7 @@ from truearm.pages.drawings.page_record import version_row
 from truearm.pages.drawings.readings_scene import arm_at_readings
 from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors, point_errors
 from truearm.typing import FloatArray
-from truearm.verbs.regressors import Regressors, predict_points, regressor_remark
+from truearm.verbs.evaluate import Regressors, predict_points, regressor_remark
 from truearm.wings.reports.comparison_page import ModelComparison
 from truearm.wings.reports.seat_page import SeatComparison
 

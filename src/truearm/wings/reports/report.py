@@ -19,7 +19,7 @@ from truearm.readings.files import is_large
 from truearm.readings.large_sessions import LargeSession
 from truearm.readings.thermal_expansion import expanded_lengths
 from truearm.solve.threads import one_blas_thread
-from truearm.verbs.evaluate import evaluate
+from truearm.verbs.evaluate import AnyModelLike, Regressors, evaluate, is_regressor, regressor_remark
 from truearm.verbs.inputs import (
     LengthsLike,
     SessionLike,
@@ -31,9 +31,7 @@ from truearm.verbs.inputs import (
     to_model_and_session,
     with_reference,
 )
-from truearm.verbs.record import TableRecord, TextTable, columns_of
-from truearm.verbs.regressors import AnyModelLike, Regressors, is_regressor, regressor_remark
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import TableRecord, TextTable, columns_of, number_of
 from truearm.wings.exports.formats.constants_table import NOMINAL, ArmConstant, ConstantsTable, constants_table
 from truearm.wings.exports.formats.rigid_arm import best_rigid_arm
 from truearm.wings.exports.targets.manifest import ExportLoss

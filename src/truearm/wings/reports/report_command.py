@@ -13,10 +13,9 @@ from truearm.pages import FigureFormat
 from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.signature import of_verb
 
 
-@of_verb("truearm.wings.reports.report:report", omit=("path",))
+@options.of_verb("truearm.wings.reports.report:report", omit=("path",))
 def report(
     verb: Any,
     context: typer.Context,

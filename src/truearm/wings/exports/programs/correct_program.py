@@ -21,13 +21,13 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
 from truearm.files.toml_documents import read_document
+from truearm.findings import format_mm
 from truearm.models import Compensator
 from truearm.models.arm_check import check_has_kinematics
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import ModelLike, model_file_fingerprint, to_model_of_tip
-from truearm.verbs.record import Record, TextTable
-from truearm.verbs.sentences import format_mm, listed
+from truearm.verbs.record import Record, TextTable, listed
 from truearm.wings.exports.programs.branches import N_JOINTS, Screws
 from truearm.wings.exports.programs.configurations import QUANTITIES, ROBOT, quantities_of
 from truearm.wings.exports.programs.controllers import with_controller

@@ -29,8 +29,7 @@ from truearm.verbs.inputs import (
     to_session,
 )
 from truearm.verbs.outputs import check_output_is_not_input
-from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
-from truearm.verbs.sentences import agree, number_of
+from truearm.verbs.record import TableRecord, TextTable, agree, columns_of, format_fixed, number_of
 from truearm.wings.laboratory.monitor.assessment import (
     Assessment,
     RecalibrationAdvice,

@@ -26,8 +26,7 @@ from truearm.verbs.inputs import (
     payload_findings,
     to_model_and_session,
 )
-from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
-from truearm.verbs.sentences import number_of
+from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed, number_of
 from truearm.wings.laboratory import MeasuredKind
 from truearm.wings.laboratory.tasks.measured_features import MeasuredFeature, MeasuredQuantity, measure_features
 from truearm.wings.laboratory.tasks.sampled_arms import PosteriorDistribution

@@ -6,10 +6,9 @@ from typing import Any
 
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.signature import of_verb
 
 
-@of_verb("truearm.wings.laboratory.verbs.measure:measure")
+@options.of_verb("truearm.wings.laboratory.verbs.measure:measure")
 def measure(
     verb: Any, model: options.ModelFile, session: options.SessionFile, as_json: options.Json = False, **given: Any
 ) -> None:

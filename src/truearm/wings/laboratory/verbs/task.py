@@ -19,8 +19,7 @@ from truearm.models import Compensator, load_model
 from truearm.pages.drawings.page_record import PageRecord, arm_row, input_files, version_row
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, to_arm, to_model_of_tip
-from truearm.verbs.record import TableRecord, TextTable, columns_of, format_fixed
-from truearm.verbs.sentences import SAME_DAY
+from truearm.verbs.record import SAME_DAY, TableRecord, TextTable, columns_of, format_fixed
 from truearm.wings.laboratory import FeatureKind
 from truearm.wings.laboratory.standards.specification import Specification, read_specification
 from truearm.wings.laboratory.tasks.estimate import Estimate

@@ -12,13 +12,12 @@ from truearm.errors import InputError
 from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
-from truearm.verbs.signature import of_verb
 from truearm.wings.laboratory import FeatureKind
 
 CODES = {"yes": 0, "no": 1, "only with guard bands": 3}
 
 
-@of_verb("truearm.wings.laboratory.verbs.task:task", omit=("size_mm", "second"))
+@options.of_verb("truearm.wings.laboratory.verbs.task:task", omit=("size_mm", "second"))
 def task(
     verb: Any,
     what: Annotated[

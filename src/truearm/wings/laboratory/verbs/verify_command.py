@@ -13,7 +13,6 @@ from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_new_output, check_output_is_not_input
-from truearm.verbs.signature import Group, of_verb
 from truearm.wings.laboratory import DecisionRule, TemplateKind
 
 RuleOption = Annotated[
@@ -30,7 +29,7 @@ Trusted = Annotated[
 PointsToFill = Annotated[Path, Option(help="Points to measure to fill in (truearm verify sheet), .csv.")]
 TipDiameter = Annotated[float | None, Option(min=0, help="With --out: diameter of the stylus tip [mm].")]
 
-verify = typer.Typer(cls=Group, rich_markup_mode=None, invoke_without_command=True)
+verify = typer.Typer(cls=options.Group, rich_markup_mode=None, invoke_without_command=True)
 
 
 @verify.callback()
@@ -76,7 +75,7 @@ def points_verified(
 
 
 @verify.command()
-@of_verb("truearm.wings.laboratory.verbs.simulate_verification:simulate_verification")
+@options.of_verb("truearm.wings.laboratory.verbs.simulate_verification:simulate_verification")
 def simulate(
     verb: Any,
     model: Annotated[
@@ -132,7 +131,7 @@ def sheet(
 
 
 @verify.command()
-@of_verb("truearm.verbs.predict:predict", omit=("out",))
+@options.of_verb("truearm.verbs.predict:predict", omit=("out",))
 def fill(
     verb: Any,
     model: options.ModelFile,

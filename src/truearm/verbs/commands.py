@@ -1,21 +1,20 @@
-"""``truearm fit``: identify an arm from a session."""
+"""The commands of the core, each with the options of its verb: split, fit, refit, predict and evaluate."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 from typer import Argument, Option
 
-from truearm.choices import Trainer
+from truearm.choices import Conditions, Trainer
 from truearm.errors import InputError
 from truearm.findings import Finding
 from truearm.verbs import options
-from truearm.verbs.console import print_record, progress
+from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_model_output, check_new_output
-from truearm.verbs.signature import of_verb
 
 if TYPE_CHECKING:
     from truearm.verbs.fit import FitResult
@@ -40,7 +39,169 @@ MODELS_OF: dict[str, tuple[str, ...]] = {
 PARAMETERS = {"restarts": "n_restarts", "members": "n_members", "no_residual_process": "residual"}
 
 
-@of_verb("truearm.verbs.fit:fit")
+def split(
+    session: options.SessionFile,
+    train: Annotated[Path, Option(help="Session file to write the training readings to.")],
+    test: Annotated[Path, Option(help="Session file to write the held-out readings to.")],
+    by: Annotated[str, Option(help="What stays together: position, seat, session or row.")] = "position",
+    share: Annotated[float, Option("--hold-out", help="Share of the groups to hold out.")] = 0.3,
+    seed: options.Seed = 0,
+    force: options.Force = False,
+) -> None:
+    """Split a session into training and test readings.
+
+    Readings of one position (seat, session) are neighbours and stay together, or the test would be too easy. Columns
+    of notes are not copied.
+
+    A folder of session files, or a file beyond 512 MB, is read part by part; by row, 8192 consecutive readings stay
+    together.
+    """
+    from truearm.files.atomic_write import atomic_file, is_same_file
+    from truearm.files.table_writer import table_writer
+    from truearm.readings import check_session_path, read_session, write_session
+    from truearm.readings.files import is_large
+    from truearm.readings.large_sessions import LargeSession, held_out_rows
+    from truearm.readings.session import SplitBy
+
+    if is_same_file(train, test):
+        raise InputError("--train and --test are the same file", file=train)
+    for path in (train, test):
+        check_session_path(path)
+        check_new_output(path, session, force=force)
+    counts = [0, 0]
+    with progress(f"splitting {session.name}") as update:
+        # Both or none: a new training file beside an old test file would share readings with it.
+        if is_large(session):
+            large = LargeSession.open(session)
+            held = held_out_rows(large, by=by, fraction=share, seed=seed)
+            with table_writer(train) as append_train, table_writer(test) as append_test:
+                for part in large.parts:
+                    for readings in part.sessions():
+                        is_held = held(readings, sum(counts))
+                        for i, (append, rows) in enumerate(((append_train, ~is_held), (append_test, is_held))):
+                            if rows.any():
+                                append(large.table(readings.rows(rows)))
+                                counts[i] += int(rows.sum())
+                        update(sum(counts), f"{sum(counts)} of {len(large)} readings")
+        else:
+            parts = read_session(session).split(by=cast(SplitBy, by), hold_out=share, seed=seed)
+            with atomic_file(train) as new_train, atomic_file(test) as new_test:
+                for i, (path, one) in enumerate(zip((new_train, new_test), parts, strict=True)):
+                    write_session(one, path)
+                    counts[i] = len(one)
+    for path, n in zip((train, test), counts, strict=True):
+        print_line(f"{path}: {n} of {sum(counts)} readings")
+
+
+@options.of_verb("truearm.verbs.evaluate:evaluate")
+def evaluate(
+    verb: Any,
+    context: typer.Context,
+    model: options.ModelFile,
+    session: Annotated[
+        Path,
+        Argument(
+            metavar="SESSION",
+            help="Session file with reference points or seats, or folder of files; not the training session.",
+        ),
+    ],
+    conditions: Annotated[
+        Conditions | None,
+        Option(
+            help="Conditions of these readings: the day and set-up of the training (repeatability), or others "
+            "(reproducibility). By default what the column session says."
+        ),
+    ] = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    as_json: options.Json = False,
+    **given: Any,
+) -> None:
+    """Test a model on readings it was not fitted to.
+
+    The nominal arm is evaluated beside it, with base and tip (where they were free) fitted to the model's own training
+    readings. Readings with a reference point are compared with it; readings in a seat with the mean of the points
+    predicted there; the distance between two such means with the known length. Readings from which truearm refit
+    identified base and tip are skipped. The coverage is stated for both conditions of the uncertainty, with the one
+    that applies.
+
+    A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
+    parts out; only its reference points are compared (docs/large-sessions.md).
+    """
+    executor = options.executor_of(context, session, workers, scheduler)
+    with progress(f"evaluating {session.name}") as update:
+        evaluation = verb(model, session, conditions=conditions, **given, executor=executor, progress=update)
+    print_record(evaluation, as_json=as_json)
+
+
+@options.of_verb("truearm.verbs.predict:predict")
+def predict(
+    verb: Any,
+    context: typer.Context,
+    model: options.ModelFile,
+    session: Annotated[
+        Path,
+        Argument(
+            metavar="SESSION",
+            help="Session file, or folder of files; its angles, and temperature, payload_kg, loads, directions and tip "
+            "if there, are used.",
+        ),
+    ],
+    out: Annotated[Path, Option(help="Table of points to write, .csv or .parquet.")],
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    as_json: options.Json = False,
+    **given: Any,
+) -> None:
+    """Compensate: turn joint angles into corrected coordinates.
+
+    Columns of the table: x_mm, y_mm, z_mm in the frame of the reference, after a fit to several sessions in that of the
+    reading's session; sx_mm, sy_mm, sz_mm their standard uncertainties (twice that is the expanded uncertainty, k = 2);
+    outside_training 1 where a reading is outside the range that the model was trained on; names (seat, position, ..) as
+    given.
+
+    A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
+    parts out (docs/large-sessions.md).
+    """
+    executor = options.executor_of(context, session, workers, scheduler)
+    with progress(f"predicting {session.name}") as update:
+        prediction = verb(model, session, out, **given, executor=executor, progress=update)
+    print_record(prediction, as_json=as_json, files={"points": out})
+
+
+@options.of_verb("truearm.verbs.refit:refit")
+def refit(
+    verb: Any,
+    model: options.ModelFile,
+    session: Annotated[
+        Path, Argument(metavar="SESSION", help="Session file of the new set-up, with reference points or seats.")
+    ],
+    out: options.ModelOut,
+    n_readings: Annotated[
+        int | None, Option("--rows", min=1, help="Number of readings to use; all by default.")
+    ] = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    **given: Any,
+) -> None:
+    """Transfer a model to a new set-up of its arm.
+
+    The tracker was moved, or the probe was changed: the arm stays as it was identified, with its uncertainty; only
+    where its base and its tip are is fitted to the new readings. Four readings or more are needed.
+
+    --rows 20 uses 20 readings, of as many positions as possible. The model file records which they were, and truearm
+    evaluate skips them in the same session and tests on the others. --free tip: only the probe is new, as with a
+    session that has seats and no reference points.
+    """
+    check_model_output(out, None, model, session, given["lengths"], force=force)
+    with progress(f"refitting {model.name}") as report:
+        result = verb(model, session, n_readings=n_readings, **given, progress=report)
+        check_model_output(out, result.model.arm_, force=force)
+        result.save(out)
+    print_record(result, as_json=as_json, files={"model": out})
+
+
+@options.of_verb("truearm.verbs.fit:fit")
 def fit(
     verb: Any,
     context: typer.Context,
