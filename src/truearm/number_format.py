@@ -78,7 +78,7 @@ def format_in_text(value: float, *, unit: str = "", digits: int = 3) -> str:
     return f"{text}{THIN_SPACE}{unit}" if unit else text
 
 
-def format_mm_in_text(value: float) -> str:
+def show_mm(value: float) -> str:
     """A length [mm] in a sentence."""
     return format_in_text(value, unit="mm")
 

@@ -7,7 +7,7 @@ from statistics import median
 
 import numpy as np
 
-from truearm.number_format import format_count, format_exact, format_in_text, format_mm_in_text, format_percent
+from truearm.number_format import format_count, format_exact, format_in_text, format_percent, show_mm
 from truearm.pages.drawings.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.page import Cell, Column, Section, Table
 from truearm.pages.plotting import Figure, join_phrases
@@ -126,12 +126,12 @@ def share_section(results: Reproduction) -> Section | MissingPart:
     errors = {name: float(median(one.mean_mm for one in fits)) for name, fits in test.models().items()}
     remaining = errors["varpro"]
     text = (
-        f"With varpro, {format_percent(1 - remaining / nominal)} of a mean error of {format_mm_in_text(nominal)} is removed; "
-        f"{format_mm_in_text(remaining)} remains. The noise of the readings alone, which no model can predict, causes "
-        f"{format_mm_in_text(floor)}: more than {format_percent(1 - floor / nominal)} could not be removed, and the error of "
+        f"With varpro, {format_percent(1 - remaining / nominal)} of a mean error of {show_mm(nominal)} is removed; "
+        f"{show_mm(remaining)} remains. The noise of the readings alone, which no model can predict, causes "
+        f"{show_mm(floor)}: more than {format_percent(1 - floor / nominal)} could not be removed, and the error of "
         f"varpro is {format_in_text(remaining / floor)} times that floor.\n\n"
         "A share depends on the arm before compensation as much as on the model. With an arm that is ten times better, "
-        f"{format_mm_in_text(nominal / 10)}, the same remaining {format_mm_in_text(remaining)} would be "
+        f"{show_mm(nominal / 10)}, the same remaining {show_mm(remaining)} would be "
         f"{format_percent(1 - remaining / (nominal / 10))} removed. In use, the remaining error counts, and where it "
         f"applies: inside the box of joint angles in which the network was trained. {SHARES_NOTE}"
         f"{cut_note(sum(test.n_cut(name) for name in METHODS))}"
@@ -156,9 +156,9 @@ def learning_rate_section(results: Reproduction) -> Section | MissingPart:
     text = (
         "The learning rate has no effect: the damping alone determines a step of the Levenberg-Marquardt method, and "
         f"trainlm has no learning rate. The paper's {format_row_numbers(claim.rows)}, with the rates {rates}, "
-        f"are one training. Here its mean error is {format_mm_in_text(claim.mean_mm)}, the median of its starts; "
-        f"the paper's values range from {format_mm_in_text(min(claim.paper_mean_mm))} to "
-        f"{format_mm_in_text(max(claim.paper_mean_mm))}.{cut_note(claim.n_cut)}"
+        f"are one training. Here its mean error is {show_mm(claim.mean_mm)}, the median of its starts; "
+        f"the paper's values range from {show_mm(min(claim.paper_mean_mm))} to "
+        f"{show_mm(max(claim.paper_mean_mm))}.{cut_note(claim.n_cut)}"
     )
     return Section("The learning rate", text, figures=(learning_rate_figure(claim),), folded=True)
 
@@ -171,12 +171,12 @@ def scatter_section(results: Reproduction) -> Section | MissingPart:
     starts, many, published = claim.mean_mm, claim.mean_many_mm, claim.paper_rows_mean_mm
     text = (
         f"Random starts alone spread the mean error by {format_percent(claim.relative_spread)} of the median, from "
-        f"{format_mm_in_text(min(starts))} to {format_mm_in_text(max(starts))} ({claim.what.strip().rstrip('.')}). The paper's "
+        f"{show_mm(min(starts))} to {show_mm(max(starts))} ({claim.what.strip().rstrip('.')}). The paper's "
         f"{format_count(len(published), 'value')} ({format_row_numbers(claim.paper_rows)}), from "
-        f"{format_mm_in_text(min(published))} to {format_mm_in_text(max(published))}, spread by "
+        f"{show_mm(min(published))} to {show_mm(max(published))}, spread by "
         f"{format_percent(claim.paper_relative_spread)}; the paper attributes this to other goals and learning rates. "
         "Only the spreads are comparable: the level depends on the box. On 2000 poses the same starts range from "
-        f"{format_mm_in_text(min(many))} to {format_mm_in_text(max(many))}; the choice of ten test poses causes the rest."
+        f"{show_mm(min(many))} to {show_mm(max(many))}; the choice of ten test poses causes the rest."
         f"{cut_note(claim.n_cut)}"
     )
     return Section("The scatter of starts", text, figures=(scatter_figure(claim),), folded=True)
@@ -208,7 +208,7 @@ def joint_ranges_section(results: Reproduction) -> Section:
             f"\u00b1{format_degrees(place)}" for place in crossings(claim.half_width_deg, errors, published)
         )
         text.append(
-            f"Row {row} of Table 2 has the paper's mean error, {format_mm_in_text(published)}, "
+            f"Row {row} of Table 2 has the paper's mean error, {show_mm(published)}, "
             + (f"in a box of {places}." if places else "in none of the boxes tried.")
             + _nearby_errors(claim.half_width_deg, errors, boxes.simulation_deg)
         )
@@ -238,7 +238,7 @@ def _nearby_errors(widths: Sequence[float], errors: Sequence[float], chosen: flo
     order = np.argsort(widths)
     x, y = np.array(widths)[order], np.log(np.array(errors)[order])
     parts = [
-        f"{format_mm_in_text(float(np.exp(np.interp(width, x, y))))} at \u00b1{format_degrees(width)}"
+        f"{show_mm(float(np.exp(np.interp(width, x, y))))} at \u00b1{format_degrees(width)}"
         for width in (chosen - by, chosen, chosen + by)
         if x[0] <= width <= x[-1]
     ]
@@ -272,4 +272,4 @@ def outside_section(results: Reproduction) -> Section | MissingPart:
 
 
 def _pair(values: FloatArray) -> str:
-    return f"{format_mm_in_text(float(values[0]))} and {format_mm_in_text(float(values[-1]))}"
+    return f"{show_mm(float(values[0]))} and {show_mm(float(values[-1]))}"

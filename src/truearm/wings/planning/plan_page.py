@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.arm import Arm
-from truearm.number_format import format_count, format_mm_in_text, format_number
+from truearm.number_format import format_count, format_number, show_mm
 from truearm.pages.cards import Card, CardSet
 from truearm.pages.drawings.arm_scene import arm_mechanism, joint_columns
 from truearm.pages.drawings.joint_figures import joint_ranges
@@ -151,8 +151,8 @@ def plan_page(planned: SessionPlan, *, facts: Sequence[tuple[str, str]] = ()) ->
         facts=tuple(facts),
         verdict=PageVerdict(
             f"{format_count(len(poses), 'pose')} bring the uncertainty of a point{apart} to "
-            f"{format_mm_in_text(planned.after_mm)}.",
-            detail=f"Before, it is {format_mm_in_text(planned.before_mm)}. Three-dimensional root mean square in the volume, "
+            f"{show_mm(planned.after_mm)}.",
+            detail=f"Before, it is {show_mm(planned.before_mm)}. Three-dimensional root mean square in the volume, "
             "as predicted for the nominal arm.",
         ),
     )
@@ -173,7 +173,7 @@ def course_figure(proposals: Mapping[Strategy, Proposal]) -> Figure:
         set_log_scale(axes, "x", 0.95, most * 1.1 if most > 1 else 2)
         axes.set(xlabel="poses", ylabel="uncertainty [mm]")
         axes.legend(loc="lower left")
-    ends = "; ".join(f"{name} {format_mm_in_text(float(p.rms_mm[-1]))}" for name, p in proposals.items())
+    ends = "; ".join(f"{name} {show_mm(float(p.rms_mm[-1]))}" for name, p in proposals.items())
     return Figure(
         (drawing,),
         caption="Predicted uncertainty of a point in the volume, three-dimensional root mean square, against the "
@@ -236,7 +236,7 @@ def _gain(plan: CalibrationPlan, apart: str) -> Section:
     return Section(
         "What these poses bring",
         "truearm predicts the uncertainty of a point from the nominal arm, the prior knowledge of its terms and the "
-        f"noise of a coordinate ({format_mm_in_text(plan.prior.noise_mm)}). It is the uncertainty of points relative to each "
+        f"noise of a coordinate ({show_mm(plan.prior.noise_mm)}). It is the uncertainty of points relative to each "
         f"other{apart}. Effects without a term are not included.",
         figures=(course_figure(plan.proposals),),
         tables=(Table(columns, rows, "All strategies, with the same number of poses."),),

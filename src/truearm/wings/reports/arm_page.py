@@ -8,7 +8,7 @@ import numpy as np
 
 from truearm.arm import Arm, DHTable
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
-from truearm.number_format import RoundedNumber, format_count, format_in_text, format_mm_in_text, format_number
+from truearm.number_format import RoundedNumber, format_count, format_in_text, format_number, show_mm
 from truearm.pages.drawings.arm_drawing import arm_figure
 from truearm.pages.drawings.arm_scene import arm_mechanism, joint_frames
 from truearm.pages.page import Column, Page, PageVerdict, Section, Table
@@ -55,7 +55,7 @@ def _answer(arm: Arm) -> str:
     kinds = f", {slides} of them sliding" if slides else ""
     return (
         f"{arm.name} has {format_count(arm.n_joints, 'joint')}{kinds}. In its working pose the tip is at "
-        f"x {x}, y {y}, z {z} mm; it reaches at most {format_mm_in_text(round(arm.chain.reach))} from joint 1."
+        f"x {x}, y {y}, z {z} mm; it reaches at most {show_mm(round(arm.chain.reach))} from joint 1."
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from truearm.models.uncertainty import UncertaintyBudget
-from truearm.number_format import format_count, format_mm_in_text, format_percent, format_uncertainty
+from truearm.number_format import format_count, format_percent, format_uncertainty, show_mm
 from truearm.pages.drawings.error_figures import (
     before_after,
     coordinates_by_reading,
@@ -224,7 +224,7 @@ def error_sentence(compared: ModelComparison) -> str:
     sentence = improvement_sentence("Mean error", before, mean[_best(compared)])
     p95 = compared.errors[_best(compared)]["p95_mm"]
     n = format_count(len(compared.points), "reading")
-    return f"{sentence} 95 % of the errors of {n} are below {format_mm_in_text(p95)}."
+    return f"{sentence} 95 % of the errors of {n} are below {show_mm(p95)}."
 
 
 def comparison_verdict(
@@ -297,11 +297,11 @@ def _in_space(compared: ModelComparison) -> Section:
 def improvement_sentence(what: str, before_mm: float | None, after_mm: float) -> str:
     """Say how large an error is after compensation, and how many times smaller than before if that is known."""
     if before_mm is None:
-        return f"{what} {format_mm_in_text(after_mm)}."
+        return f"{what} {show_mm(after_mm)}."
     if not after_mm < before_mm:
-        return f"{what} {format_mm_in_text(before_mm)}; compensation does not reduce it."
+        return f"{what} {show_mm(before_mm)}; compensation does not reduce it."
     factor = f"{before_mm / after_mm:.2g}" if before_mm < 100 * after_mm else "over 100"
-    return f"{what} {format_mm_in_text(after_mm)}, {factor} times smaller than before ({format_mm_in_text(before_mm)})."
+    return f"{what} {show_mm(after_mm)}, {factor} times smaller than before ({show_mm(before_mm)})."
 
 
 def _summary(compared: ModelComparison) -> tuple[LabelledValue, ...]:

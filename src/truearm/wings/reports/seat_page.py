@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truearm.number_format import format_count, format_mm_in_text
+from truearm.number_format import format_count, show_mm
 from truearm.pages.drawings.error_figures import before_after, error_distribution
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, Table
 from truearm.readings import LengthSummary
@@ -48,8 +48,8 @@ def seats_sentence(what: str, mean_mm: Mapping[str, float], seated: SeatComparis
     if lengths is None or not lengths.is_worse:
         return improvement_sentence(what, mean_mm[first], mean_mm[best])
     return (
-        f"Lengths are off by up to {format_mm_in_text(lengths.largest_mm)}, before compensation by "
-        f"{format_mm_in_text(lengths.nominal_mm)}. {improvement_sentence(what, None, mean_mm[best])}"
+        f"Lengths are off by up to {show_mm(lengths.largest_mm)}, before compensation by "
+        f"{show_mm(lengths.nominal_mm)}. {improvement_sentence(what, None, mean_mm[best])}"
     )
 
 
@@ -176,7 +176,7 @@ def _lengths(seated: SeatComparison) -> tuple[Section, ...]:
         for i, (a, b, length, u) in enumerate(seated.lengths)
     ]
     worst = {name: float(np.abs(errors).max()) for name, errors in seated.length_errors.items()}
-    largest = ", ".join(f"{name} {format_mm_in_text(error)}" for name, error in worst.items())
+    largest = ", ".join(f"{name} {show_mm(error)}" for name, error in worst.items())
     table = Table(
         Column.of(
             "seat",

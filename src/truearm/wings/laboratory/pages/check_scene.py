@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.models import Compensator
-from truearm.number_format import format_count, format_mm_in_text
+from truearm.number_format import format_count, show_mm
 from truearm.pages.drawings.readings_scene import arm_at_readings, readings_scene
 from truearm.pages.drawings.workspace_figures import error_in_workspace
 from truearm.pages.page import Section
@@ -46,7 +46,7 @@ def check_section(model: Compensator, readings: Session, lengths: Lengths | None
     still = error_in_workspace(points[rows], deviation[rows])
     caption = (
         "Each point has the colour of its distance from the mean of its seat, or from the sphere through the points of "
-        f"its sphere. On a screen a ring marks the largest, {format_mm_in_text(float(deviation[rows[worst]]))}: {where}."
+        f"its sphere. On a screen a ring marks the largest, {show_mm(float(deviation[rows[worst]]))}: {where}."
     )
     mechanism = arm_at_readings({"": model}, readings)
     scene = readings_scene(

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure as Drawing
 
 from truearm.arm import Arm
-from truearm.number_format import RoundedNumber, capitalize, format_count, format_mm_in_text
+from truearm.number_format import RoundedNumber, capitalize, format_count, show_mm
 from truearm.pages.drawings.arm_scene import arm_mechanism, joint_columns
 from truearm.pages.drawings.workspace_figures import error_in_workspace
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
@@ -111,7 +111,7 @@ def _spread(estimate: Estimate, fit: Fitness | None) -> Drawing:
 
 def _between(estimate: Estimate) -> str:
     low, high = estimate.interval_mm
-    return f"{format_mm_in_text(low)} to {format_mm_in_text(high)}"
+    return f"{show_mm(low)} to {show_mm(high)}"
 
 
 def _table(task: TaskEstimates) -> Table:
@@ -161,7 +161,7 @@ def task_scene(task: TaskEstimates, arm: Arm) -> Scene:
         [PointColumn("standard uncertainty u of the point", "mm", u)],
         joint_columns(arm.chain.joint_angles(postures), arm.chain.is_prismatic),
         [PointColumn(f"u of {axis}", "mm", column) for axis, column in zip("xyz", task.point_u_mm.T, strict=True)],
-        marked={worst: f"u = {format_mm_in_text(float(u[worst]))}"},
+        marked={worst: f"u = {show_mm(float(u[worst]))}"},
     )
     what = f"{format_count(n, 'point')} of the {task.feature.name} in space, coloured by standard uncertainty"
     caption = (
@@ -174,7 +174,7 @@ def task_scene(task: TaskEstimates, arm: Arm) -> Scene:
     return Scene(
         f"{what}; the arm goes to the point that is pointed at",
         "mm",
-        replace(still, caption=caption, alt=f"{what}, in four views. Largest: {format_mm_in_text(float(u[worst]))}."),
+        replace(still, caption=caption, alt=f"{what}, in four views. Largest: {show_mm(float(u[worst]))}."),
         cloud=cloud,
         mechanism=arm_mechanism(arm, start=postures[worst], follows=[*range(arm.n_joints)]),
         lines=[points] if n == 2 else [],  # a length between two points
