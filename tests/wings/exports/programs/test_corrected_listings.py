@@ -259,6 +259,22 @@ class TestUniversalRobots:
         np.testing.assert_allclose(numbers(r'angles="(.*?)"', back.decode()), planned, rtol=0, atol=1e-9)
         assert b"truearm" not in back
 
+    def test_a_program_that_polyscope_saved_without_the_comment_is_corrected_once(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", 8)
+        text = polyscope_program([waypoint(f"W_{i}", q) for i, q in enumerate(planned)]).encode()
+        new, _ = corrected(tmp_path, model, text, "a.urp", "")
+        saved = re.sub(rb"<!-- .*? -->", b"", new)  # numbers of full precision are saved as they were read
+        assert b"truearm" not in saved
+        with pytest.raises(InputError, match="corrected already"):
+            corrected(tmp_path, model, saved, "b.urp", "")
+        script = polyscope_script(calibrated(), numbers(r'angles="(.*?)"', saved.decode()))
+        with pytest.raises(InputError, match="corrected already"):
+            corrected(tmp_path, model, script.encode(), "b.script", "")
+        back, _ = corrected(tmp_path, model, saved, "b.urp", "", direction="feedback")
+        np.testing.assert_allclose(numbers(r'angles="(.*?)"', back.decode()), planned, rtol=0, atol=1e-9)
+        _, found = corrected(tmp_path, model, back, "c.urp", "")
+        assert len(found.changes) == 8
+
     def test_the_poses_of_polyscope_3_follow_their_joints(self, tmp_path):
         model, planned = fitted("ur10"), joints_of("ur10", 10)
         feature = WORK

@@ -235,6 +235,35 @@ SETS = {
 }
 
 
+SETS |= {
+    "a component that is overwritten": (
+        f"{BOTH}DECL POS P1={CARTESIAN}\nLIN P1\nP1.Z=P1.Z+50\nLIN P1",
+        "P1",
+        "its Z is overwritten in line 8",
+    ),
+    "a component of an element": (
+        f"{BOTH}DECL E6AXIS P[2]\nP[1]={JOINTS}\nPTP P[1]\nP[ 1 ] . A1=5",
+        "P[1]",
+        "its A1 is overwritten in line 9",
+    ),
+    "a component of any element": (
+        f"{BOTH}DECL E6AXIS P[2]\nP[1]={JOINTS}\nPTP P[1]\nP[I].A1=5",
+        "P[1]",
+        "its A1 is overwritten in line 9",
+    ),
+    "a tool that a jump leaves open": (
+        f"{BOTH}AGAIN:\nLIN {CARTESIAN}\nBAS(#TOOL,3)\nGOTO AGAIN",
+        "LIN in line 7",
+        "subprograms",
+    ),
+    "a base of a machine": (
+        f'MACHINE_FRAME_DAT[2]={{MACH_DEF_INDEX 2,PARENT[] "DKP_400"}}\n{BOTH}LIN {CARTESIAN}',
+        "LIN in line 7",
+        "BASE_DATA[2] moves with a machine (MACHINE_FRAME_DAT)",
+    ),
+}
+
+
 @pytest.mark.parametrize("what", SETS)
 def test_what_is_no_target_and_what_has_other_frames_is_left(what):
     body, name, reason = SETS[what]
@@ -254,10 +283,13 @@ def test_what_is_no_target_and_what_has_other_frames_is_left(what):
         f"{BOTH}FOR I=1 TO 2\nLIN {CARTESIAN}\n$TOOL=TOOL_DATA[3]\nWHILE A\n$TOOL=TOOL_DATA[1]\nENDWHILE\nENDFOR",
         f"LOOP\n{BOTH}LIN {CARTESIAN}\nENDLOOP",
         f"$IPO_MODE=#TCP\n$IPO_MODE=#BASE\n{BOTH}LIN {CARTESIAN}",
+        f"AGAIN:\nPTP {JOINTS}\nGOTO AGAIN\n{BOTH}LIN {CARTESIAN}",
+        f'MACHINE_FRAME_DAT[2]={{MACH_DEF_INDEX 0,PARENT[] " "}}\n{BOTH}LIN {CARTESIAN}',
+        f"{BOTH}MSGNOTIFY(1)\nPULSE($OUT[1],TRUE,0.1)\nLIN {CARTESIAN}",
     ],
 )
 def test_frames_of_branches_that_agree_and_of_splines_are_taken(body):
-    (target,) = read(source(body)).targets
+    target = read(source(body)).targets[-1]
     assert target.T_flange_tool is not None
     assert target.T_flange_tool[2, 3] == 120
 
@@ -282,3 +314,46 @@ def test_joints_that_no_move_goes_to_are_named():
     )
     (note,) = read(source(body)).notes
     assert note.startswith("No move of this file goes to D1:")
+
+
+class TestFilesBesideIt:
+    """A subprogram of another file may set the tool; a point of the other half says that the robot is accurate."""
+
+    BODY = f"{BOTH}GRIP(1)\nLIN {CARTESIAN}"
+
+    def read(self, folder, body=BODY, frames=FRAMES, **others):
+        for name, text in {"made.src": source(body), **others}.items():
+            (folder / name.replace("_", ".")).write_bytes(text.encode())
+        return read(source(body), frames, folder / "made.src")
+
+    def test_a_subprogram_that_is_not_there_leaves_the_frames_open(self, tmp_path):
+        (reason,) = reasons(self.read(tmp_path)).values()
+        assert reason == "GRIP() may set its tool, and its file is not beside this one: state tool in --frames"
+        (target,) = self.read(tmp_path, frames='tool = "1"\nwork = "2"\n' + FRAMES).targets
+        np.testing.assert_allclose(target.T_flange_tool[:3, 3], [0, 0, 120])
+
+    def test_one_branch_that_calls_it_leaves_them_open_too(self, tmp_path):
+        body = f"{BOTH}IF A THEN\nGRIP(1)\nENDIF\nLIN {CARTESIAN}"
+        assert "GRIP() may set its tool" in next(iter(reasons(self.read(tmp_path, body)).values()))
+
+    def test_a_subprogram_beside_it_that_sets_none_changes_nothing(self, tmp_path):
+        grip = "DEF GRIP(N:IN)\n$OUT[1]=TRUE\nEND\n"
+        assert len(self.read(tmp_path, GRIP_SRC=grip).targets) == 1
+
+    @pytest.mark.parametrize("inner", ["$TOOL=TOOL_DATA[2]", "DEEPER()"])
+    def test_a_subprogram_beside_it_that_sets_or_may_set_a_tool_does(self, tmp_path, inner):
+        program = self.read(tmp_path, GRIP_SRC=f"DEF GRIP(N:IN)\n{inner}\nEND\n")
+        assert not program.targets
+        assert "subprograms" in next(iter(reasons(program).values()))
+
+    def test_a_component_overwritten_in_the_other_half(self, tmp_path):
+        dat = f"DEFDAT made\nDECL E6AXIS XP1={JOINTS}\nENDDAT\n"
+        self.read(tmp_path, "XP1.A1=5\nPTP XP1", made_dat=dat)
+        program = Krl().read(dat.encode(), Surroundings(tmp_path / "made.dat"))
+        assert reasons(program) == {"XP1": "its A1 is overwritten in line 4"}
+
+    @pytest.mark.parametrize("status", ["18", "'B10010'"])
+    def test_an_accurate_robot_is_known_by_points_of_the_other_half(self, tmp_path, status):
+        dat = f"DEFDAT made\nDECL POS XP1={CARTESIAN.replace('S 2', f'S {status}')}\nENDDAT\n"
+        program = self.read(tmp_path, f"{BOTH}LIN {CARTESIAN}", made_dat=dat)
+        assert "absolutely accurate" in reasons(program)["LIN in line 6"]

@@ -1,6 +1,7 @@
 """Programs of PolyScope: waypoints and the kinematics that their controller uses."""
 
 import gzip
+import re
 
 import numpy as np
 import pytest
@@ -118,6 +119,38 @@ def test_nodes_that_refer_to_earlier_ones_are_followed():
     assert [target.name for target in program.targets] == ["W_1", "W_2"]
     assert [move.target for move in program.moves] == [0, 1, 1]
     assert not program.left
+
+
+SHARED = '<JointAngles reference="../../../Waypoint/position/JointAngles"/>'
+
+
+@pytest.mark.parametrize(
+    ("second", "others"),
+    [
+        (waypoint("W_2", Q[1]).replace('<TCPOffset pose="0.', '<TCPOffset pose="0.1'), {}),
+        (waypoint("W_2", Q[1], kinematics_node().replace('<a value="-0', '<a value="0')), {"W_2": "other kinematics"}),
+        (waypoint("W_2", Q[1], kind="Relative"), {"W_2": "relative"}),
+    ],
+)
+def test_joints_that_waypoints_of_two_corrections_share_stay(second, others):
+    second = re.sub("<JointAngles[^>]*>", SHARED, second)
+    program = read(polyscope_program([waypoint("W_1", Q[0]), second, waypoint("W_3", Q[2])]))
+    assert [target.name for target in program.targets] == ["W_3"]
+    found = reasons(program)
+    assert found["W_1"] == "it shares joints with W_2, which has another tool or is not changed"
+    for name, reason in ({"W_2": "shares joints with W_1"} | others).items():
+        assert reason in found[name]
+
+
+def test_a_pose_that_waypoints_of_polyscope_3_share_with_other_joints_stays():
+    kinematics, first = kinematics_node(tag="kinematics"), old_waypoint("W_1", Q[0], WORK)
+    second = old_waypoint("W_2", Q[0], np.eye(4)).replace("/></Waypoint>", " /></Waypoint>")
+    second = re.sub(
+        "<outputFlangePose[^>]*>", '<outputFlangePose reference="../../Waypoint/outputFlangePose"/>', second
+    )
+    program = read(polyscope_program([first, second], kinematics=kinematics))
+    assert not program.targets
+    assert len(program.left) == 2
 
 
 def test_a_node_that_refers_to_itself_or_onwards_is_no_place():

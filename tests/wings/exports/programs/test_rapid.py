@@ -330,3 +330,24 @@ def test_limits_of_world_zones_are_no_targets():
 def test_joints_that_no_move_goes_to_are_named():
     (note,) = read(module(f"CONST jointtarget j1:={JOINTS};")).notes
     assert note.startswith("No move of this file goes to j1:")
+
+
+@pytest.mark.parametrize(
+    ("declared", "change", "left"),
+    [
+        (f"VAR robtarget p1:={POSE};", "p1.trans.z:=p1.trans.z+50;", {"p1": "its trans.z is overwritten in line 4"}),
+        (f"VAR robtarget p1:={POSE};", "P1.robconf.cf1 := 1;", {"p1": "its robconf.cf1 is overwritten in line 4"}),
+        (f"VAR robtarget p1:={POSE};", "p1.extax.eax_a:=1;", {}),
+        (
+            f"VAR robtarget p1{{2}}:=[{POSE},{POSE}];",
+            "p1{2}.rot.q1:=1;",
+            {"p1{2}": "its rot.q1 is overwritten in line 4"},
+        ),
+        (f"VAR robtarget p1{{1}}:=[{POSE}];", "p1{n}.rot.q1:=1;", {"p1{1}": "its rot.q1 is overwritten in line 4"}),
+    ],
+)
+def test_a_point_of_which_a_component_is_overwritten_is_left(declared, change, left):
+    program = read(module(f"{declared}\nPROC main()\n{change}\nMoveL p1,v100,fine,tGrip\\WObj:=wTable;\nENDPROC"))
+    literal = {one.name: one.reason for one in program.left if one.is_literal}
+    assert literal == left
+    assert len(program.targets) + len(left) == declared.count("600")

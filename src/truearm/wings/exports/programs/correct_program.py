@@ -33,7 +33,11 @@ from truearm.wings.exports.programs.configurations import QUANTITIES, ROBOT, qua
 from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.languages import LANGUAGES, UNREADABLE, language_of
-from truearm.wings.exports.programs.number_texts import new_numbers
+from truearm.wings.exports.programs.number_texts import (
+    direction_of_check_digits,
+    new_numbers,
+    with_check_digits,
+)
 from truearm.wings.exports.programs.program import (
     Edit,
     LeftAlone,
@@ -134,18 +138,18 @@ def correct_program(
                 "truearm correct --as wrote these targets: they are corrected already",
                 hint="correct the original program",
             )
-        marks = {one[0]: one for one in _MARK.findall(text)}
-        if direction.encode() in marks:
+        read = language.read(text, beside)
+        before = {one[0].decode() for one in _MARK.findall(text)} | {direction_of_check_digits(read.targets)} - {None}
+        if direction in before:
             raise InputError(
                 f"the program is corrected already ({direction}): twice would double the correction",
                 hint="correct the program as planned; --direction of the other sense is the reverse",
             )
-        read = language.read(text, beside)
         near = None if start is None else _start_of(start)
         if read.controller is not None:
             fitted = with_controller(fitted, read.controller)
         solver = Solver(fitted, language, read.controller, direction, untrained)
-        return _Correction(solver, read).result(path, file, near)
+        return _Correction(solver, read, is_first=not before).result(path, file, near)
     except InputError as error:
         raise error if error.file is not None else error.in_file(path) from None
 
@@ -202,6 +206,7 @@ class _Correction:
 
     solver: Solver
     program: Program
+    is_first: bool  # not the reverse of another one
 
     def result(self, path: Path, file: bytes, start: FloatArray | None) -> CorrectedProgram:
         """Correct all targets, and write the new program."""
@@ -276,6 +281,8 @@ class _Correction:
                 if target.T_base_work is not None and target.T_flange_tool is not None:
                     pose = inverse(target.T_base_work) @ flange[row] @ target.T_flange_tool
                 numbers = new_numbers(language, target, language.values(target, after[row], pose))
+                if self.is_first and not language.keeps_comments:
+                    numbers = with_check_digits(numbers, self.solver.direction)
                 edits = [Edit(*target.numbers[name][:2], text) for name, text in numbers.items()]
                 try:
                     edits += self._configuration(target, stated[0][row], stated[1][row])
@@ -311,7 +318,7 @@ class _Correction:
                 yield Edit(at, at + len(comment), b"")
             else:  # the controller wrote the line in its own way
                 yield Edit(match.start(1), match.end(1), b"undone")
-        if not marks:
+        if self.is_first:
             words = f"truearm {self.solver.direction} {model_file_fingerprint(self.solver.model)[:8]}"
             yield language.mark(self.program, words)
 

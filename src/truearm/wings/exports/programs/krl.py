@@ -78,10 +78,21 @@ _DEEPEST = 16  # loops in loops of which each is followed twice
 _SEVERAL = b"?"  # tools or bases of branches, loops and subprograms
 _CALL = re.compile(rb"\s*([A-Za-z_]\w*)\s*\(")
 _BEGINS = re.compile(rb"(?i)\s*(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+([A-Za-z_]\w*)\s*\(")
+_LABEL = re.compile(rb"\s*([A-Za-z_][\w$]*)\s*:\s*")
+_GOTO = re.compile(rb"(?i)\s*GOTO\s+([\w$]+)\s*")
+_COMPONENT = re.compile(rb"(?i)\s*([A-Za-z_][\w$]*)\s*(\[[^\]]*\])?\s*\.\s*(?!E\d)(\w+)\s*=(?!=)")
+_STATUS = re.compile(rb"(?i)[{:,]\s*X\s[^{}]*,\s*S\s+([^\s,{}]+)")
+_OF_MACHINE = re.compile(rb"(?i)\s*MACHINE_FRAME_DAT\s*\[\s*(\d+)\s*\]\s*=\s*\{\s*MACH_DEF_INDEX\s+0*([1-9]\d*)\b")
+# Calls that set no tool and no base: words of the language, and routines of the controller.
+_HARMLESS = re.compile(
+    rb"IF|ELSE|WHILE|UNTIL|SWITCH|CASE|FOR|WAIT|RETURN|BAS|PULSE|C(?:OPEN|CLOSE|READ|WRITE|IOCTL)|S(?:READ|WRITE)"
+    rb"|MBX_REC|ERR_\w+|\w*MSG\w*|STR\w+|RSI_\w+|EKI_\w+|CAST_\w+|PTP|LIN|CIRC|LOOP|REPEAT|DEF|DEFFCT"
+)
 _SETS = re.compile(rb"(?i)\s*(?:\$(?:TOOL|BASE|IPO_MODE)\b[^=]*=|FDAT_ACT\s*=|BAS\s*\(\s*#(?:TOOL|BASE|EX_BASE)\b)")
 _REASONS = {
     b"TCP": "its tool is fixed in the cell (IPO_FRAME #TCP)",
     b"EK": "its base moves with an external kinematic",
+    _SEVERAL: "branches, loops or subprograms set its {what}, not all to the same",
 }
 
 
@@ -126,7 +137,7 @@ class _State(NamedTuple):
 
     def either(self, other: _State) -> _State:
         """What holds after two branches."""
-        tool, base = (one if one == two else _SEVERAL for one, two in zip(self[:2], other[:2], strict=True))
+        tool, base = map(_either, self[:2], other[:2])
         return _State(tool, base, self.is_fixed or other.is_fixed)
 
 
@@ -197,7 +208,11 @@ class _File:
         self.uses: defaultdict[bytes, dict[_Frames, int]] = defaultdict(dict)
         self.frames: dict[tuple[bytes, bytes], FloatArray] = {}
         self.setters: set[bytes] = set()
+        self.unknown: set[bytes] = set()
+        self.labels: set[_Line] = set()
+        self.parts: dict[bytes, tuple[str, int]] = {}
         self.changed: set[tuple[bytes, bytes]] = set()
+        self.machines: dict[bytes, bytes] = {}
         self.bases: dict[bytes, int] = {}
         self.factors: dict[bytes, int] = {}
         self.increments: dict[bytes, int] = {}
@@ -217,7 +232,9 @@ class _File:
             of_file: dict[tuple[bytes, bytes], bytes] = {}
             for line in lines:
                 self._declare(line.code, of_file)
-        self.setters = _setters([*others, self.lines])
+        called = self._called([*others, self.lines])
+        self.setters = _setters([*others, *called, self.lines], self.unknown)
+        self.labels = {label for lines in (*others, self.lines) for label in self._reached_labels(lines)}
         for lines in others:
             self._walk(lines, is_own=False)
         self._walk(self.lines, is_own=True)
@@ -228,8 +245,8 @@ class _File:
             if isinstance(goal, bytes) and goal not in here:
                 reason = "the program computes it" if goal[:1] == b"$" else "its numbers are in another file"
                 self.left.append(LeftAlone(number, _text(goal), reason))
-        statuses = [_whole(value.numbers["S"].text) for *_, value, _ in self.found if "S" in value.numbers]
-        self.is_accurate = any(status is not None and status < 32 and status & 16 for status in statuses)
+        texts = (text for lines in (*others, self.lines) for line in lines for text in _STATUS.findall(line.code))
+        self.is_accurate = any(_is_accurate(text) for text in texts)
         targets: list[Target] = []
         numbers: dict[bytes | int | None, int] = {}
         unreached: list[str] = []
@@ -285,6 +302,35 @@ class _File:
                 yield data
                 return
 
+    def _called(self, files: list[list[_Line]]) -> list[list[_Line]]:
+        """Files beside the program of the subprograms that it calls, and of those that they call."""
+        folder, found, waiting = self.beside.file and self.beside.file.parent, [], files
+        known = {begins[1].upper() for lines in files for line in lines if (begins := _BEGINS.match(line.code))}
+        while waiting:
+            calls = {call[1].upper() for lines in waiting for line in lines if (call := _CALL.match(line.code))}
+            waiting = []
+            for name in sorted(one for one in calls - known if not _HARMLESS.fullmatch(one)):
+                text = next(_read_any(folder, name.decode() + ".src"), None) if folder else None
+                if text is None:
+                    self.unknown.add(name)
+                else:
+                    waiting.append(list(_lines(text)))
+            found += waiting
+            known |= calls
+        return found
+
+    def _reached_labels(self, lines: list[_Line]) -> Iterator[_Line]:
+        """Labels that a GOTO of a file names: what holds there is not known where the file sets a tool or base."""
+        names = {goto[1].upper() for line in lines if (goto := _GOTO.match(line.code))}
+        setters = self.setters | self.unknown | {b"BAS"}
+        if names and any(
+            _SETS.match(line.code) or ((call := _CALL.match(line.code)) and call[1].upper() in setters)
+            for line in lines
+        ):
+            for line in lines:
+                if (label := _LABEL.fullmatch(line.code)) and label[1].upper() in names:
+                    yield line
+
     def _declare(self, code: bytes, of_file: dict[tuple[bytes, bytes], bytes]) -> None:
         """Types of names, FDAT, and the values of tools and bases; `of_file` are those that the file has so far."""
         if b"=" in code and (given := _GIVEN.fullmatch(code)) and (at := _DATA.fullmatch(given[1])):
@@ -294,6 +340,8 @@ class _File:
                 self.changed.add(key)
             elif value is not None:
                 self.frames[key] = _frame(value.numbers)
+        if machine := _OF_MACHINE.match(code):
+            self.machines[machine[1]] = machine[2]
         declared = _DECLARED.fullmatch(code)
         if declared is None:
             return
@@ -314,6 +362,9 @@ class _File:
         ends = _loops(lines)
         for at, line in enumerate(lines):
             code = line.code
+            if part := _COMPONENT.match(code):
+                element = part[2] if re.fullmatch(rb"\[\s*\d+\s*\]", part[2] or b"") else b""
+                self.parts.setdefault(_word(part[1] + element), (_text(part[3]), line.number))
             if at in ends:  # again with what holds at its end
                 state = state.either(self._at_end(lines[at + 1 : ends[at]], state))
             elif (after := self._follow(line, state, branches)) is not None:
@@ -348,6 +399,10 @@ class _File:
         if bas := _BAS.match(code):
             return state.with_frame(bas[1].upper(), bas[2])
         if (call := _CALL.match(code)) and call[1].upper() in self.setters:
+            return _State(_SEVERAL, _SEVERAL)
+        if call and call[1].upper() in self.unknown:
+            return _State(*(_SEVERAL + call[1],) * 2)
+        if line in self.labels:
             return _State(_SEVERAL, _SEVERAL)
         if _EXTERNAL_BASE.match(code):
             return state._replace(base=b"EK")
@@ -466,6 +521,10 @@ class _File:
         def left(reason: str) -> None:
             self.left.append(LeftAlone(line, name, reason, is_literal=True))
 
+        part = self.parts.get(word or b"") or self.parts.get((word or b"").partition(b"[")[0])
+        if part is not None:
+            left(f"its {part[0]} is overwritten in line {part[1]}")
+            return None
         taught = None if word is None or not word.startswith(b"X") else self.fdat.get(b"F" + word[1:])
         if taught is not None and not stated - {(None, None)}:
             stated = {taught}
@@ -515,17 +574,21 @@ class _File:
     def _frame(self, which: bytes, number: bytes | None) -> tuple[FloatArray | None, str]:
         """A tool in the flange, or a base in the base of the arm; or what is to be stated."""
         frames, what = self.beside.frames, which.decode().lower()
+        find = frames.tool_of if which == b"TOOL" else frames.work_of
         if number in _REASONS:
-            return None, _REASONS[number]
-        if number == _SEVERAL:
-            return None, f"branches, loops or subprograms set its {what}, not all to the same"
+            return None, _REASONS[number].format(what=what)
+        if number and number.startswith(_SEVERAL):
+            caller = f"{_text(number[1:])}() may set its {what}, and its file is not beside this one"
+            return find(None), f"{caller}: state {what if which == b'TOOL' else 'work'} in --frames"
+        if which == b"BASE" and number in self.machines:
+            return None, f"BASE_DATA[{_text(number)}] moves with a machine (MACHINE_FRAME_DAT)"
         if (which, number) in self.changed:
             return None, f"{_text(which + b'_DATA[' + (number or b''))}] changes while the program runs"
         motion = np.eye(4) if number == _NULL else self.frames.get((which, number or b""))
         if motion is not None:
             return (motion if which == b"TOOL" else frames.in_base(motion)), ""
         name = None if number is None else number.decode("latin-1")
-        stated = frames.tool_of(name) if which == b"TOOL" else frames.work_of(name)
+        stated = find(name)
         numbered = name if name is None or not name.isdigit() else f"{which.decode()}_DATA[{name}]"
         lacks = f"its {what} is not stated" if name is None else f"{numbered} is not in this program"
         return stated, f"{lacks}: state it in --frames"
@@ -542,8 +605,8 @@ def _lines(data: bytes) -> Iterator[_Line]:
             yield _Line(number, match.start(), b"" if text.lstrip()[:1] == b"&" else code[0])
 
 
-def _setters(files: Iterable[list[_Line]]) -> set[bytes]:
-    """Subprograms that set a tool or base, themselves or by what they call."""
+def _setters(files: Iterable[list[_Line]], unknown: set[bytes]) -> set[bytes]:
+    """Subprograms that set a tool or base, themselves or by what they call, or call what may set one."""
     setters: set[bytes] = set()
     calls: defaultdict[bytes, set[bytes]] = defaultdict(set)
     for lines in files:
@@ -555,7 +618,7 @@ def _setters(files: Iterable[list[_Line]]) -> set[bytes]:
                 setters.add(name)
             elif call := _CALL.match(line.code):
                 calls[name].add(call[1].upper())
-    while more := {name for name, called in calls.items() if name not in setters and called & setters}:
+    while more := {name for name, called in calls.items() if name not in setters and called & (setters | unknown)}:
         setters |= more
     return setters - {b"BAS"}
 
@@ -572,6 +635,20 @@ def _loops(lines: list[_Line]) -> dict[int, int]:
             elif opened:
                 opened.pop()
     return found
+
+
+def _either(number: bytes | None, other: bytes | None) -> bytes | None:
+    """A tool or base after two branches; a subprogram that may set it leaves open whether it does."""
+    if number == other:
+        return number
+    opened = [one for one in (number, other) if one is not None and one.startswith(_SEVERAL)]
+    return opened[0] if opened and _SEVERAL not in opened else _SEVERAL
+
+
+def _is_accurate(status: bytes) -> bool:
+    """Whether S of a point says that an absolutely accurate robot was taught it."""
+    number = _whole(status) if re.fullmatch(rb"\d{1,6}|'[BbHh][0-9A-Fa-f]{1,16}'", status) else None
+    return number is not None and number < 32 and bool(number & 16)
 
 
 def _branched(word: bytes, state: _State, branches: list[_Branches]) -> _State:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from math import ceil, log10
+from zlib import crc32
 
 from truearm.wings.exports.programs.program import Language, Number, Target
 
@@ -16,6 +17,7 @@ _DIGIT = 0.05
 _ANOTHER_SET, _USUAL = 1.0, 0.02
 # Of metres and rad: lengths that cancel between parallel axes are some kilometres.
 _LARGEST = 1e6
+_ENOUGH = 4  # of six joints: once in 1e11 targets by chance
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SIX = re.compile(rf"\s*({NUMBER})\s*" + rf",\s*({NUMBER})\s*" * 5)
 _JOINT = re.compile(r"(?:.*\.)?[jaA]\d")
@@ -50,6 +52,31 @@ def new_numbers(language: Language, target: Target, values: Mapping[str, float])
             if float(text) != was:
                 found[name] = text
     return found
+
+
+def with_check_digits(texts: Mapping[str, bytes], direction: str) -> dict[str, bytes]:
+    """Texts of new numbers, in which the last three of 15 decimals of joints [rad] say that they are corrected."""
+    found = dict(texts)
+    for name, text in texts.items():
+        if _JOINT.fullmatch(name):
+            kept = f"{float(text):.12f}"
+            found[name] = f"{kept}{_check(kept, direction)}".encode("ascii")
+    return found
+
+
+def direction_of_check_digits(targets: Iterable[Target]) -> str | None:
+    """The direction in which the joints of a target were corrected; None where no check digits say so."""
+    for target in targets:
+        texts = [f"{one.value:.15f}" for name, one in target.numbers.items() if _JOINT.fullmatch(name)]
+        for direction in ("command", "feedback"):
+            if sum(text[-3:] == _check(text[:-3], direction) for text in texts) >= _ENOUGH:
+                return direction
+    return None
+
+
+def _check(text: str, direction: str) -> str:
+    """Three digits, never 000: those of typed numbers."""
+    return f"{crc32(f'{direction} {text}'.encode()) % 999 + 1:03d}"
 
 
 @cache

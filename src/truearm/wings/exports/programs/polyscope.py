@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -45,6 +45,7 @@ from truearm.wings.exports.programs.urscript import JOINTS, POSE, pose_matrix, p
 from truearm.wings.exports.programs.xml_places import Node, parse_nodes
 
 _LEVEL = 6
+_PLACES = ("position", "JointAngles", "poseInFeatureCoordinates", "outputFlangePose")
 _TYPES = {
     "Variable": "its place is a variable",
     "Relative": "it is relative to where the arm is",
@@ -146,6 +147,7 @@ class PolyScope(Language):
 
     title = "PolyScope program of Universal Robots"
     endings = (".urp",)
+    keeps_comments = False
 
     def recognises(self, data: bytes) -> bool:
         """See `Language`."""
@@ -158,9 +160,15 @@ class PolyScope(Language):
         left: list[LeftAlone] = []
         moves: list[tuple[int, MoveKind, int]] = []
         moved = 0
+        all_made = {
+            node: reader.target(node) for node in dict.fromkeys(one.resolved() or one for one in reader.waypoints)
+        }
+        shared = _shared(all_made)
         for node in reader.waypoints:
             node = node.resolved() or node
-            made, line = reader.target(node), reader.line(node)
+            made, line = all_made[node], reader.line(node)
+            if isinstance(made, Target) and node in shared:
+                made = f"it shares joints with {shared[node]}, which has another tool or is not changed"
             if isinstance(made, str):
                 literal = node.text("type") == "Fixed" and not made.startswith("it is suppressed")
                 left.append(LeftAlone(line, node.text("name") or "waypoint", made, is_literal=literal))
@@ -211,6 +219,43 @@ class PolyScope(Language):
     def packed(self, text: bytes, file: bytes) -> bytes:
         """See `Language`."""
         return gzip.compress(text, _LEVEL, mtime=0) if file.startswith(GZIP) else text
+
+
+def _places(node: Node) -> set[int]:
+    """Where the numbers of a waypoint stand, which it may share with others."""
+    around = [one.resolved() for one in node.children]
+    parts = [part for one in around if one for part in (one, *(inner.resolved() for inner in one.children))]
+    return {
+        number.start
+        for part in parts
+        if part is not None and part.tag in _PLACES
+        for name in ("angles", "joints", "pose")
+        for number in part.numbers(name) or ()
+    }
+
+
+def _shared(made: Mapping[Node, Target | str]) -> dict[Node, str]:
+    """Waypoints that share a number with another one, but not all that it is corrected by; with the other's name."""
+    owners: defaultdict[int, list[Node]] = defaultdict(list)
+    for node in made:
+        for start in _places(node):
+            owners[start].append(node)
+    return {
+        node: other.text("name")
+        for nodes in owners.values()
+        for node in nodes
+        for other in nodes
+        if not _are_same(made[node], made[other])
+    }
+
+
+def _are_same(one: Target | str, other: Target | str) -> bool:
+    """Whether two waypoints have one correction."""
+    if isinstance(one, str) or isinstance(other, str) or one.numbers != other.numbers:
+        return one is other
+    assert one.T_flange_tool is not None  # of every waypoint
+    assert other.T_flange_tool is not None
+    return bool((one.T_flange_tool == other.T_flange_tool).all())
 
 
 def _beginning(data: bytes) -> bytes:

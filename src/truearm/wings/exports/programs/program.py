@@ -188,11 +188,15 @@ class Language(ABC):
         Of its files, in lower case.
     decimals : int
         To how many decimals a number may be extended where its change would be lost in the last digit; 0: to none.
+    keeps_comments : bool
+        Whether a controller that saves a program keeps the comment which says that it is corrected; where not, the
+        last digits of joints say it too.
     """
 
     title: ClassVar[str]
     endings: ClassVar[tuple[str, ...]]
     decimals: ClassVar[int] = 9
+    keeps_comments: ClassVar[bool] = True
 
     @abstractmethod
     def recognises(self, data: bytes) -> bool:

@@ -174,6 +174,7 @@ class _Module:
         self.frames: dict[bytes, tuple[bytes, _List | None, int]] = {}
         self.several: set[bytes] = set()
         self.zones: dict[bytes, int] = {}
+        self.parts: dict[str, tuple[str, int]] = {}
         self.records: dict[bytes, list[bytes]] = {}
         self.uses: defaultdict[bytes, _Uses] = defaultdict(dict)
         self.left: list[LeftAlone] = []
@@ -254,6 +255,10 @@ class _Module:
         whole = self.tokens[at + 1].text == b":="
         value, end = self._value(begins)
         text, line = _text(self.data[name.start : self.tokens[begins - 1].start]), self._line(at)
+        part = re.fullmatch(r"([^.]*?)(\{[^}]*\})?\.(?!extax)(\w.*)", text.replace(" ", "").lower())
+        if part:
+            element = part[2] if re.fullmatch(r"\{[\d,]+\}", part[2] or "") else ""
+            self.parts.setdefault(part[1] + element, (part[3], line))
         if not whole or isinstance(value, bytes):
             self.left.append(LeftAlone(line, text, "the program computes it"))
         else:
@@ -500,6 +505,10 @@ class _Module:
 
         if max(map(abs, values.values())) > NOT_THERE:
             left("a placeholder (9E9)")
+            return None
+        part = self.parts.get(name.lower()) or self.parts.get(name.lower().partition("{")[0])
+        if part is not None:
+            left(f"its {part[0]} is overwritten in line {part[1]}")
             return None
         if kind == b"jointtarget":
             if not used and (zone := self.zones.get(name.lower().encode("latin-1"))) is not None:
