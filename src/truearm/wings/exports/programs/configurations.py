@@ -84,7 +84,10 @@ def nominal_joints(
     n = len(targets)
     if screws is None:
         return np.full((n, N_JOINTS), np.nan), ["the joints of this arm at a pose are not known in closed form"] * n
-    flange = np.array([t.T_base_work @ t.pose @ inverse(t.T_flange_tool) for t in targets])  # type: ignore[operator, arg-type]
+    works, poses, tools = (
+        np.array([getattr(target, name) for target in targets]) for name in ("T_base_work", "pose", "T_flange_tool")
+    )
+    flange = works @ poses @ inverse(tools)
     branches = inverse_branches(arm.chain, screws, flange)
     low, high = np.full((2, n, len(QUANTITIES)), [[[-np.inf]], [[np.inf]]])
     near, stated = np.full((n, N_JOINTS), np.nan), np.zeros(n, dtype=bool)

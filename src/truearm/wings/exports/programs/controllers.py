@@ -140,18 +140,19 @@ def _near_origins(fixed: FloatArray) -> FloatArray:
     return moved
 
 
-def disagreement(controller: Chain | None, joints: FloatArray, flange: FloatArray) -> str | None:
-    """How far the joints of a point are from its pose, if that is more than rounding; None if not, or not known."""
-    if controller is None:
-        return None
-    there = controller.fixed[0]  # of a single pose a tenth of the time of `Chain.pose`
-    for q, fixed in zip(joints.tolist(), controller.fixed[1:], strict=True):
-        there = there @ screw_z(q, 0.0) @ fixed
-    away = float(np.linalg.norm(there[:3, 3] - flange[:3, 3]))
-    turn = float(np.degrees(np.linalg.norm(there[:3, :3] - flange[:3, :3]) / np.sqrt(2)))  # small, or of any size
-    if away < AGREE_MM and turn < AGREE_DEG:
-        return None
-    return f"its joints and its pose disagree by {away:.3g} mm and {turn:.2g} deg: another tool, or other kinematics"
+def disagreements(controller: Chain | None, joints: FloatArray, flange: FloatArray) -> list[str]:
+    """How far the joints (n, 6) of points are from their poses (n, 4, 4); empty where it is rounding, or not known."""
+    if controller is None or not len(joints):
+        return [""] * len(joints)
+    R, position = controller.with_tip(np.zeros(3)).pose(joints)
+    away = np.linalg.norm(position - flange[:, :3, 3], axis=1)
+    turn = np.degrees(np.linalg.norm(R - flange[:, :3, :3], axis=(1, 2)) / np.sqrt(2))  # small, or of any size
+    return [
+        ""
+        if mm < AGREE_MM and deg < AGREE_DEG
+        else f"its joints and its pose disagree by {mm:.3g} mm and {deg:.2g} deg: another tool, or other kinematics"
+        for mm, deg in zip(away.tolist(), turn.tolist(), strict=True)
+    ]
 
 
 def with_controller(model: Compensator, controller: Chain) -> Compensator:

@@ -268,7 +268,7 @@ class _Correction:
         """What changes, target by target in the order of the program, and what is refused."""
         language, chain = self.solver.language, self.solver.model.arm_.chain
         before, after = (language.controller_joints(chain, joints) for joints in (nominal, corrected))
-        flange = self.solver.flange(corrected)
+        poses = self._poses(corrected)
         stated = [self._quantities(nominal, before), self._quantities(corrected, after)]
         moved = (np.abs(corrected - nominal).max(axis=1) > _UNCHANGED).tolist()
         changes, refused = [], []
@@ -277,10 +277,7 @@ class _Correction:
             edits: list[Edit] = []
             reason = reasons[row]
             if not reason and moved[row]:
-                pose = None
-                if target.T_base_work is not None and target.T_flange_tool is not None:
-                    pose = inverse(target.T_base_work) @ flange[row] @ target.T_flange_tool
-                numbers = new_numbers(language, target, language.values(target, after[row], pose))
+                numbers = new_numbers(language, target, language.values(target, after[row], poses[row]))
                 if self.is_first and not language.keeps_comments:
                     numbers = with_check_digits(numbers, self.solver.direction)
                 edits = [Edit(*target.numbers[name][:2], text) for name, text in numbers.items()]
@@ -293,6 +290,15 @@ class _Correction:
             else:
                 changes.append(TargetChange(target, numbers, tuple(edits), float(shifts[row]), after[row], before[row]))
         return changes, refused
+
+    def _poses(self, joints: FloatArray) -> list[FloatArray | None]:
+        """The tool in the work frame at joints of every target; None where the target does not state both frames."""
+        frames = [(one.T_base_work, one.T_flange_tool) for one in self.program.targets]
+        stated = [work is not None and tool is not None for work, tool in frames]
+        both = [(np.eye(4), np.eye(4)) if not known else pair for pair, known in zip(frames, stated, strict=True)]
+        works, tools = np.array(both, dtype=float).reshape(-1, 2, 4, 4).swapaxes(0, 1)
+        poses = inverse(works) @ self.solver.flange(joints) @ tools
+        return [pose if known else None for pose, known in zip(poses, stated, strict=True)]
 
     def _quantities(self, joints: FloatArray, counted: FloatArray) -> list[list[float]]:
         """What configurations are stated by, of every target, in the order of `QUANTITIES`."""

@@ -25,6 +25,7 @@ from truearm.wings.exports.programs.program import (
     Edit,
     Language,
     LeftAlone,
+    Lines,
     Move,
     MoveKind,
     Number,
@@ -32,7 +33,6 @@ from truearm.wings.exports.programs.program import (
     Surroundings,
     Target,
     line_end_of,
-    line_of,
     transform,
 )
 from truearm.wings.exports.targets.program_literals import fanuc_joints
@@ -137,24 +137,24 @@ class FanucListing(Language):
 
     def read(self, data: bytes, beside: Surroundings) -> Program:
         """See `Language`."""
-        text = data.decode("latin-1")
+        text, line_of = data.decode("latin-1"), Lines(data)
         parts = {found[1]: found for found in reversed(list(_PART.finditer(text)))}
         for name in ("MN", "POS", "END"):
             if name not in parts:
                 raise InputError(
                     f"expected /{name} in a Fanuc program: it is truncated",
-                    line=line_of(data, len(data)),
+                    line=line_of(len(data)),
                     hint="export the program again",
                 )
         uses = _Uses()
         for found in _STATEMENT.finditer(text, parts["MN"].end(), parts["POS"].start()):
             if not _REMARK.match(found[0]):
-                uses.take(line_of(data, found.start()), found[0])
+                uses.take(line_of(found.start()), found[0])
         tracked = re.search(r"LINE_TRACK_SCHEDULE_NUMBER\s*:\s*[1-9]", text)
         targets: dict[int, Target] = {}
         left = uses.left
-        for number, point in _points(data, text, parts["POS"].end(), parts["END"].start()).items():
-            line = line_of(data, point.start)
+        for number, point in _points(line_of, text, parts["POS"].end(), parts["END"].start()).items():
+            line = line_of(point.start)
             reason = "of a program that tracks a conveyor" if tracked else uses.reason_against(number)
             made = _target(text, line, point, beside) if reason is None else reason
             if isinstance(made, str):
@@ -228,13 +228,13 @@ class _Block:
     group: tuple[int, int] | None
 
 
-def _points(data: bytes, text: str, first: int, last: int) -> dict[int, _Block]:
+def _points(line_of: Lines, text: str, first: int, last: int) -> dict[int, _Block]:
     """The points of /POS by their numbers."""
     found = list(_POINT.finditer(text, first, last))
     blocks: dict[int, _Block] = {}
     for one, following in zip(found, [*(each.start() for each in found), last][1:], strict=True):
         end, number = text.find("}", one.end(), following), int(one[1])
-        line = line_of(data, one.start())
+        line = line_of(one.start())
         if end < 0:
             raise InputError(f"P[{number}] does not end: the program is truncated", line=line)
         if number in blocks:

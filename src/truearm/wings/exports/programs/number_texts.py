@@ -17,6 +17,7 @@ _DIGIT = 0.05
 _ANOTHER_SET, _USUAL = 1.0, 0.02
 # Of metres and rad: lengths that cancel between parallel axes are some kilometres.
 _LARGEST = 1e6
+_LONG = 16  # bytes of a number of so many decimals
 _ENOUGH = 4  # of six joints: once in 1e11 targets by chance
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SIX = re.compile(rf"\s*({NUMBER})\s*" + rf",\s*({NUMBER})\s*" * 5)
@@ -67,7 +68,8 @@ def with_check_digits(texts: Mapping[str, bytes], direction: str) -> dict[str, b
 def direction_of_check_digits(targets: Iterable[Target]) -> str | None:
     """The direction in which the joints of a target were corrected; None where no check digits say so."""
     for target in targets:
-        texts = [f"{one.value:.15f}" for name, one in target.numbers.items() if _JOINT.fullmatch(name)]
+        joints = [one for name, one in target.numbers.items() if len(one.text) >= _LONG and _JOINT.fullmatch(name)]
+        texts = [f"{one.value:.15f}" for one in joints]
         for direction in ("command", "feedback"):
             if sum(text[-3:] == _check(text[:-3], direction) for text in texts) >= _ENOUGH:
                 return direction

@@ -25,20 +25,20 @@ from truearm.wings.exports.programs.controllers import (
     StatedKinematics,
     calibrated_rows,
     controller_chain,
-    disagreement,
+    disagreements,
     unpacked,
 )
 from truearm.wings.exports.programs.program import (
     Edit,
     Language,
     LeftAlone,
+    Lines,
     Move,
     MoveKind,
     Program,
     Surroundings,
     Target,
     inverse,
-    line_of,
     transform,
 )
 from truearm.wings.exports.programs.urscript import JOINTS, POSE, pose_matrix, pose_numbers
@@ -65,7 +65,7 @@ class _Reader:
     """The waypoints of a program."""
 
     def __init__(self, data: bytes, beside: Surroundings) -> None:
-        self.data = data
+        self.line_of = Lines(data)
         self.root = parse_nodes(data)
         self.stated = StatedKinematics.of(beside)
         self.waypoints = [node for node in self.root.walk() if node.tag == "Waypoint"]
@@ -122,8 +122,8 @@ class _Reader:
         if joints is None or len(found) < len(parts):
             return "its joints or its poses are not six numbers each"
         q, T_pose, T_flange = np.array([one.value for one in joints]), found["pose"], found["flange"]
-        away = disagreement(self.chain, q, T_flange)
-        if away is not None:
+        (away,) = disagreements(self.chain, q[None], T_flange[None])
+        if away:
             return away
         named = dict(zip(JOINTS, joints, strict=True))
         for key, numbers in parts.items():
@@ -139,7 +139,7 @@ class _Reader:
         )
 
     def line(self, node: Node) -> int:
-        return line_of(self.data, node.start)
+        return self.line_of(node.start)
 
 
 class PolyScope(Language):

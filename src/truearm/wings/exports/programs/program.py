@@ -11,7 +11,6 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple
 
@@ -40,7 +39,10 @@ class Number(NamedTuple):
     @property
     def value(self) -> float:
         """What the bytes state."""
-        return float(self.text.translate(None, b" \t"))
+        try:
+            return float(self.text)
+        except ValueError:  # a blank behind its sign
+            return float(self.text.translate(None, b" \t"))
 
 
 class Edit(NamedTuple):
@@ -282,14 +284,15 @@ def text_start(data: bytes) -> int:
     return len(_UTF8) if data.startswith(_UTF8) else 0
 
 
-def line_of(data: bytes, at: int) -> int:
-    """The line of a byte, from 1; a line ends with LF, CR LF, or CR alone."""
-    return 1 + bisect_right(_line_begins(data), at)
+class Lines:
+    """The lines of a program, from 1; a line ends with LF, CR LF, or CR alone."""
 
+    def __init__(self, data: bytes) -> None:
+        self._begins = [match.end() for match in re.finditer(rb"\r\n|\n|\r", data)]
 
-@lru_cache(maxsize=4)
-def _line_begins(data: bytes) -> list[int]:
-    return [match.end() for match in re.finditer(rb"\r\n|\n|\r", data)]
+    def __call__(self, at: int) -> int:
+        """The line of a byte."""
+        return 1 + bisect_right(self._begins, at)
 
 
 def line_end_of(data: bytes) -> bytes:
@@ -326,13 +329,13 @@ def external_axes_note(rows: Iterable[Sequence[float]]) -> Iterator[str]:
 
 
 def transform(R: FloatArray, position_mm: npt.ArrayLike) -> FloatArray:
-    """(4, 4) rigid motion of a rotation and a translation [mm]."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, position_mm
+    """(.., 4, 4) rigid motions of rotations and translations [mm]."""
+    T = np.zeros((*R.shape[:-2], 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, position_mm, 1.0
     return T
 
 
 def inverse(T: FloatArray) -> FloatArray:
-    """(4, 4) inverse of a rigid motion."""
-    R = T[:3, :3].T
-    return transform(R, -R @ T[:3, 3])
+    """(.., 4, 4) inverses of rigid motions."""
+    R = np.swapaxes(T[..., :3, :3], -1, -2)
+    return transform(R, -(R @ T[..., :3, 3:])[..., 0])

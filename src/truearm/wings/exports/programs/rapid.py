@@ -27,6 +27,7 @@ from truearm.wings.exports.programs.program import (
     Edit,
     Language,
     LeftAlone,
+    Lines,
     Move,
     MoveKind,
     Number,
@@ -35,7 +36,6 @@ from truearm.wings.exports.programs.program import (
     Target,
     external_axes_note,
     line_end_of,
-    line_of,
     text_start,
     transform,
     unreached_note,
@@ -168,6 +168,7 @@ class _Module:
 
     def __init__(self, data: bytes, beside: Surroundings) -> None:
         self.data, self.beside = data, beside
+        self.line_of = Lines(data)
         self.tokens = list(_tokens(data))
         self.found: list[_Found] = []
         self.declared: dict[bytes, bytes] = {}
@@ -204,10 +205,10 @@ class _Module:
     def _check_ends(self) -> None:
         words = [token.word for token in self.tokens if token.kind == "name"]
         if words.count(b"module") != words.count(b"endmodule"):
-            raise InputError("the module has no ENDMODULE: it is cut off", line=line_of(self.data, len(self.data)))
+            raise InputError("the module has no ENDMODULE: it is cut off", line=self.line_of(len(self.data)))
 
     def _line(self, at: int) -> int:
-        return line_of(self.data, self.tokens[at].start)
+        return self.line_of(self.tokens[at].start)
 
     def _statement(self, at: int) -> int:
         """Read what begins at a token; returns where the next begins."""
@@ -361,7 +362,7 @@ class _Module:
         flat = [one for item in value.items if isinstance(item, _List) for one in item.items]
         numbers = {part: one for part, one in zip(_PARTS[kind], flat, strict=False) if isinstance(one, Number)}
         self.external.append([one.value for one in flat[-6:] if isinstance(one, Number)])
-        self.found.append(_Found(kind, name, line_of(self.data, value.start), numbers, uses))
+        self.found.append(_Found(kind, name, self.line_of(value.start), numbers, uses))
         return len(self.found) - 1
 
     def _value(self, at: int) -> tuple[_List | bytes, int]:
@@ -601,7 +602,7 @@ def _tokens(data: bytes) -> Iterator[_Token]:
     while match := _TOKEN.search(data, at):
         kind, start, at = match.lastgroup or "", match.start(), match.end()
         if kind == "sign" and match[0] == b'"':
-            raise InputError("a text in quotes is not closed", line=line_of(data, start))
+            raise InputError("a text in quotes is not closed", line=Lines(data)(start))
         if kind == "literal":
             at = _closed(data, start, at)
             kind = kind if at > start + 1 else "sign"

@@ -19,13 +19,14 @@ import numpy as np
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreement
+from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreements
 from truearm.wings.exports.programs.number_texts import NUMBER, six_numbers
 from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
     Edit,
     Language,
     LeftAlone,
+    Lines,
     Move,
     MoveKind,
     Number,
@@ -34,7 +35,6 @@ from truearm.wings.exports.programs.program import (
     Target,
     inverse,
     line_end_of,
-    line_of,
     text_start,
     transform,
 )
@@ -42,7 +42,8 @@ from truearm.wings.exports.programs.program import (
 _LIST = re.compile(rf"(p?)\[\s*({NUMBER}(?:\s*,\s*{NUMBER}){{5}})\s*\]")
 _AFTER = re.compile(r"[ \t]*(?:[\r\n,)]|\Z)")
 _HIDDEN = re.compile(r"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'")
-_ASSIGNED = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*(\[[^\]\n]*\])?\s*=(?!=)\s*")
+# Not the name of an argument: after a bracket or a comma.
+_ASSIGNED = re.compile(r"(?<![\w.,(])(?<![,(] )([A-Za-z_]\w*)\s*(\[[^\]\n]*\])?\s*=(?!=)\s*")
 _GLOBAL = re.compile(r"\bglobal\s+([A-Za-z_]\w*)")
 _CALL = re.compile(r"(?<![\w.])((?:optimove|move)[jl]|move[pc]|servo[jc]|set_tcp)\s*\(")
 _KINDS: dict[str, MoveKind] = {
@@ -56,6 +57,7 @@ _OPENS = re.compile(r"^[ \t]*(?:def|thread|while|if|for)\b", re.MULTILINE)
 _ENDS = re.compile(r"(?<![\w.])end\b")
 _BLOCKS = re.compile(rf"{_OPENS.pattern}|{_ENDS.pattern}", re.MULTILINE)
 _LINE_END = re.compile(r"[\r\n]")
+_SIGN = re.compile(r"[()\[\],]")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\((.*)\)", re.DOTALL)
 _WITH_TOOL = 4  # arguments of get_inverse_kin before its tool
@@ -93,8 +95,8 @@ def _literal(text: str, start: int, end: int | None = None) -> _Literal | None:
 def _arguments(text: str, start: int) -> list[tuple[int, int]] | None:
     """Places of the arguments of a call whose bracket opens before `start`; None if it does not close."""
     depth, places, first = 0, [], start
-    for at in range(start, len(text)):
-        sign = text[at]
+    for found in _SIGN.finditer(text, start):
+        sign, at = found[0], found.start()
         if sign in "([":
             depth += 1
         elif sign in ")]" and depth:
@@ -133,7 +135,7 @@ class _Reader:
     """One pass over the moves of a program."""
 
     def __init__(self, data: bytes) -> None:
-        self.data = data
+        self.line = Lines(data)
         self.text = data.decode("latin-1")
         self.code = hidden(self.text)
         self.functions = list(_functions(self.code))
@@ -154,7 +156,7 @@ class _Reader:
             begins_list = self.code.startswith(("[", "p"), found.end()) and not found[2]
             literal = _literal(self.code, found.end()) if begins_list else None
             if literal is None or not _AFTER.match(self.code, literal.end):
-                line = line_of(self.data, found.start())
+                line = self.line(found.start())
                 problems.setdefault(found[1], f"computed in line {line}")
                 for name in _NAME.findall(self.code, found.end(), self._line_end(found.end())):
                     self.bases.setdefault(name, line)
@@ -170,14 +172,11 @@ class _Reader:
         """The outermost function or thread around a place: those within it share its variables."""
         return min((one for one in self.functions if one[0] <= at < one[1]), default=(0, len(self.code)))
 
-    def line(self, at: int) -> int:
-        return line_of(self.data, at)
-
     def read(self) -> None:
         """Find the places of all moves."""
         n_open = len(_OPENS.findall(self.code)) - len(_ENDS.findall(self.code))
         if n_open > 0:
-            raise InputError(f"{n_open} blocks have no end: the program is truncated", line=self.line(len(self.data)))
+            raise InputError(f"{n_open} blocks have no end: the program is truncated", line=self.line(len(self.text)))
         for call in _CALL.finditer(self.code):
             arguments = _arguments(self.code, call.end())
             if arguments is None:
@@ -242,19 +241,38 @@ class _Reader:
         tool, no_tool = self._tool(beside)
         self.n_uses.update([*self.uses, *(start for use in self.uses.values() for start in use.near)])
         before: _Literal | None = None
+        away = self._disagreements(tool, stated)
         for start in dict.fromkeys(start for _, _, start in self.moves if start >= 0):
             use = self.uses[start]
             if not use.literal.is_pose:
                 before = use.literal
             elif use.near:
                 before = next(iter(use.near.values()))
-            made = self._target(use, before, no_tool if tool is None else tool, stated)
+            made = self._target(use, before, no_tool if tool is None else tool, stated, away.get(start))
             yield start, LeftAlone(self.line(start), use.name, made, is_literal=True) if isinstance(made, str) else made
 
+    def _disagreements(self, tool: FloatArray | None, stated: StatedKinematics) -> dict[int, str]:
+        """Of poses with joints of their own, by the places of their lists; see `disagreements`."""
+        if tool is None:
+            return {}
+        uses = [use for use in self.uses.values() if use.literal.is_pose and use.near]
+        joints = np.array([next(iter(use.near.values())).values for use in uses]).reshape(-1, 6)
+        poses = np.array([pose_matrix(use.literal.values) for use in uses]).reshape(-1, 4, 4)
+        found = disagreements(stated.checked, joints, poses @ inverse(tool))
+        return {use.literal.start: one for use, one in zip(uses, found, strict=True)}
+
     def _target(
-        self, use: _Use, near: _Literal | None, tool: FloatArray | str, stated: StatedKinematics
+        self,
+        use: _Use,
+        near: _Literal | None,
+        tool: FloatArray | str,
+        stated: StatedKinematics,
+        away: str | None,
     ) -> Target | str:
-        """The target of a list, or why it is not changed; `tool` may be why there is none."""
+        """The target of a list, or why it is not changed; `tool` may be why there is none.
+
+        `away` is how far a pose is from joints of its own, None without them.
+        """
         line, numbers, values = self.line(use.literal.start), use.literal.numbers, use.literal.values
         if not stated.is_stated:
             return NOT_STATED
@@ -270,12 +288,11 @@ class _Reader:
             return "it is used with several start joints"
         T, q = pose_matrix(values), None if near is None else np.array(near.values)
         named = dict(zip(POSE, numbers, strict=True))
-        if near is not None and q is not None and near.start in use.near:
-            away = disagreement(stated.checked, q, T @ inverse(tool))
+        if near is not None and away is not None:
             twins = self.variables.get(f"{use.name[:-2]}_q", ()) if use.name.endswith("_p") else ()
-            if away is not None and near in twins:
+            if away and near in twins:
                 return away
-            if away is None and self.n_uses[near.start] == 1:
+            if not away and self.n_uses[near.start] == 1:
                 named |= zip(JOINTS, near.numbers, strict=True)
         return Target(use.name, line, named, pose=T, T_flange_tool=tool, T_base_work=np.eye(4), near=q)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from truearm.errors import InputError
 from truearm.wings.exports.programs.number_texts import six_numbers
-from truearm.wings.exports.programs.program import Number, line_of
+from truearm.wings.exports.programs.program import Lines, Number
 
 _TAG = re.compile(
     r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>"
@@ -89,7 +89,7 @@ def parse_nodes(data: bytes) -> Node:
             continue
         if found[1]:
             if node.parent is None or node.tag != found[2]:
-                raise InputError(f"</{found[2]}> ends no open element", line=line_of(data, found.start()))
+                raise InputError(f"</{found[2]}> ends no open element", line=Lines(data)(found.start()))
             node = node.parent
             continue
         made = Node(found[2], found.start(), node)
@@ -102,6 +102,6 @@ def parse_nodes(data: bytes) -> Node:
     if node is not root or not root.children:
         raise InputError(
             f"<{node.tag}> does not end: the program is truncated" if node is not root else "it has no element",
-            line=line_of(data, node.start),
+            line=Lines(data)(node.start),
         )
     return root

@@ -22,6 +22,7 @@ from truearm.wings.exports.programs.program import (
     Edit,
     Language,
     LeftAlone,
+    Lines,
     Move,
     MoveKind,
     Number,
@@ -29,7 +30,6 @@ from truearm.wings.exports.programs.program import (
     Surroundings,
     Target,
     line_end_of,
-    line_of,
     transform,
 )
 
@@ -62,7 +62,7 @@ class _Reader:
     """One pass over the lines of a job: positions, then instructions."""
 
     def __init__(self, data: bytes, beside: Surroundings) -> None:
-        self.data, self.beside = data, beside
+        self.data, self.beside, self.line_of = data, beside, Lines(data)
         self.state: dict[str, str] = {}
         self.points: dict[str, tuple[int, str, Target | str]] = {}
         self.other_axes = 0
@@ -80,10 +80,10 @@ class _Reader:
             elif part == "POS":
                 self._position(found.start(), found[0])
             elif part == "INST" and text[:1] not in ("'", "/"):
-                self._instruction(line_of(data, found.start()), text)
+                self._instruction(self.line_of(found.start()), text)
         if part != "END":
             raise InputError(
-                "the job has no END: it is truncated", line=line_of(data, len(data)), hint="save the job again"
+                "the job has no END: it is truncated", line=self.line_of(len(data)), hint="save the job again"
             )
         taught, stated = sum(key.startswith("C") for key in self.points), _integers(self.state.get("NPOS", ""))
         if stated and taught < stated[0]:
@@ -104,7 +104,7 @@ class _Reader:
             self.other_axes += 1
             self.base_axes += point[1] in _BASE_AXES
             return
-        line = line_of(self.data, at)
+        line = self.line_of(at)
         parts, start = [], at + point.end()
         for part in text[point.end() :].split(","):
             digits = part.strip()
