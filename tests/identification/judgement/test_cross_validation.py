@@ -345,11 +345,12 @@ def test_nothing_to_leave_out_is_an_empty_record(drawn):
     assert [len(getattr(found, part)) for part in ("rows", "group", "deviations", "covariance", "freedom")] == [0] * 5
 
 
-def test_an_arm_without_terms_has_the_same_deviations(drawn):
+@pytest.mark.parametrize("size", [1, 3])
+def test_an_arm_without_terms_has_the_same_deviations(size, drawn):
     arm, angles, points, *_ = drawn
     state = ArmState(arm.chain, angles[:60])
     fit = identify(arm.chain, state, [], [Points(np.arange(60), points)])
-    found = cross_validate_by_group(fit, state, [Points(np.arange(60), points)], np.arange(60))
+    found = cross_validate_by_group(fit, state, [Points(np.arange(60), points)], np.arange(60) // size)
     np.testing.assert_allclose(found.deviations, arm.chain.tip_in_base(angles[:60]) - points, atol=1e-9)
     assert not found.covariance.any()
 

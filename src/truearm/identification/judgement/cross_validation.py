@@ -494,7 +494,7 @@ class _Minimum:
             own[:, :, : stop - start] = by_root[:, :, start:stop]
         residuals = np.zeros((n, k, most))
         residuals[groups, :, place] = self.parts[which].residuals[rows]
-        return _Stack(rows, groups, place, spread.reshape(n, r, -1), residuals.reshape(n, -1), (k, most))
+        return _Stack(rows, groups, place, spread.reshape(n, r, k * most), residuals.reshape(n, k * most), (k, most))
 
     def _group(self, members: Members) -> _Group:
         residuals = np.concatenate([self.parts[i].residuals[rows].ravel() for i, rows in members])
