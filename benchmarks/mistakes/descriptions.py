@@ -57,6 +57,11 @@ def another_arm() -> str:
     return str(ta.fit("ur10", readings("ur5e"), model="kinematic"))
 
 
+@mistake("readings of a UR10e fitted as those of a UR10", said="the arm is ur10e")
+def a_later_series() -> str:
+    return str(ta.fit("ur10", readings("ur10e"), model="kinematic"))
+
+
 @mistake("points sorted by x, poses not", said="another arm|rows|order")
 def sorted_points() -> str:
     session = readings()

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from arms_of_each_build import ARMS
+from refusals import refuses
 from truearm.arm import load_arm, read_arm, write_arm
-from truearm.arm.description_mistakes import Interpretation, likely_mistakes
+from truearm.arm.description_mistakes import Interpretation, likely_mistakes, mended_arm
 
 
 @pytest.mark.parametrize("name", ["gao2017", "panda", "ur10"])
@@ -69,6 +70,10 @@ def test_an_arm_file_gives_its_table_as_it_stands(tmp_path):
     names = {one.description: one for one in likely_mistakes(arm)}
     mended = names["alpha and theta of the arm are in deg, stated in rad"].mend(Interpretation.stated(arm))
     assert np.abs(mended.table.chain().fixed - load_arm("gao2017").chain.fixed).max() < 1e-12
+
+
+def test_no_arm_file_mends_an_arm_that_is_another_one():
+    refuses("no file of ur10 mends this: the arm is ur10e", mended_arm, load_arm("ur10"), ["the arm is ur10e, not ur10"])
 
 
 def test_a_table_that_is_no_longer_that_of_the_chain_does_not_count():

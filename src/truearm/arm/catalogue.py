@@ -7,7 +7,10 @@ import re
 import unicodedata
 from functools import cache
 from importlib import resources
+from os.path import commonprefix
 from pathlib import Path
+
+import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.arm_files import read_arm
@@ -19,6 +22,8 @@ MAKERS = (
     "ABB, AUBO, Barrett, Denso, Dobot, Doosan, Elephant Robotics, Fanuc, Franka, Immersion, Interbotix, Kawasaki, "
     "Kinova, KUKA, Niryo, Stäubli, Techman, TheRobotStudio, UFACTORY, Universal Robots, Yaskawa"
 )
+# Characters at the end of a name in which one that is taken for another differs: ur10 and ur10e, iiwa7 and iiwa14.
+MOST_UNLIKE = 2
 _SUFFIXES = (".toml", ".urdf")
 _FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml", ".xacro")
 # A URDF with the links between which the arm is, either may be empty: robot.urdf:base_link:tool0
@@ -102,6 +107,19 @@ def known_name(arm: str) -> str | None:
         return arm
     without = re.sub(r"(?<=\w)/(?=\d)", "", arm)  # IRB 1200-5/0.9, M-710iC/50
     return None if "/" in without or "\\" in without else _known_names().get(_plain(without))
+
+
+def similar_arms(arm: Arm) -> list[Arm]:
+    """Other arms of the catalogue with joints like those of an arm and names like its name: ur10e beside ur10."""
+    names = [name for name in _files() if name != arm.name and _is_like(name, arm.name)] if arm.name in _files() else []
+    loaded = [load_arm(name) for name in sorted(names)]
+    return [one for one in loaded if np.array_equal(one.chain.is_prismatic, arm.chain.is_prismatic)]
+
+
+def _is_like(name: str, other: str) -> bool:
+    """Whether names differ in their last characters alone."""
+    same = len(commonprefix([name, other]))
+    return same >= 2 and max(len(name), len(other)) - same <= MOST_UNLIKE
 
 
 def maker_of(title: str) -> str:

@@ -15,12 +15,15 @@ from itertools import combinations
 import numpy as np
 
 from truearm.arm.arm import Arm, with_zeros
+from truearm.arm.catalogue import similar_arms
 from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.nearest_table import drawn_convention, drawn_table, has_table_form
 from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 
+# The subject of a mistake that the arm itself is.
+OTHER_ARM = "arm"
 # A change below this is none: of a table [mm, rad] and of the meaning of the angles.
 _NO_CHANGE = 1e-9
 # What an interpretation says of readings alone.
@@ -120,7 +123,7 @@ def likely_mistakes(
         Whether it matters which axis of the points is mirrored; a base that is fitted turns one case into another.
     """
     stated = Interpretation.stated(arm)
-    found = [*_of_joints(arm), *_of_pairs(arm), *_of_all_angles(arm), *_of_units()]
+    found = [*other_arms(arm), *_of_joints(arm), *_of_pairs(arm), *_of_all_angles(arm), *_of_units()]
     if stated.table is arm.table or has_table_form(arm.chain):
         found += _of_rows(arm, stated.table)
     if has_points:
@@ -131,6 +134,16 @@ def likely_mistakes(
     for step, where in ((1, "later"), (-1, "earlier")):
         found.append(Mistake(f"references stand one row {where} than their readings", _with(shift=step), "rows"))
     return tuple(mistake for mistake in found if _changes(mistake, stated))
+
+
+def other_arms(arm: Arm) -> list[Mistake]:
+    """An arm of the catalogue was taken for one with a similar name."""
+
+    def mend(other: Arm) -> Callable[[DHTable], DHTable]:
+        return lambda table: replace(_stated_table(other), tip_in_flange=table.tip_in_flange)
+
+    others = similar_arms(arm)
+    return [Mistake(f"the arm is {one.name}, not {arm.name}", _of_table(mend(one)), OTHER_ARM) for one in others]
 
 
 def mended_arm(arm: Arm, descriptions: Sequence[str]) -> Arm:
@@ -146,6 +159,8 @@ def mended_arm(arm: Arm, descriptions: Sequence[str]) -> Arm:
     stated = one = Interpretation.stated(arm)
     for mistake in likely_mistakes(arm, has_lengths=True, base_is_known=True):
         if mistake.description in descriptions:
+            if mistake.subject == OTHER_ARM:
+                raise InputError(f"no file of {arm.name} mends this: {mistake.description}", hint="give that arm's name")
             one = mistake.mend(one)
     points = (one.points_turn == stated.points_turn).all()
     matrix = one.angle_matrix

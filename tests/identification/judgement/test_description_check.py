@@ -15,6 +15,7 @@ from truearm.identification.judgement.description_check import (
     NOISE_MM,
     _left_held_out,
     check_description,
+    likelier_arm,
     restricted_likelihood,
 )
 from truearm.identification.judgement.description_fits import fit_descriptions, fixed_motions
@@ -275,6 +276,23 @@ def test_what_is_named_explains_most_of_the_error_of_readings_held_out(readings)
         for rows in [np.arange(i, i + 3)]
     ]
     assert _left_held_out(r, J, 12) == pytest.approx((np.array(left) ** 2).sum() / 12, rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "stated"), [("ur10e", "ur10"), ("ur10", "ur10e"), ("iiwa7", "iiwa14"), ("ur5", "ur10")])
+def test_an_arm_that_is_taken_for_one_with_a_similar_name_is_named(name, stated):
+    """Also where its drawing misses by no more than drawings do; the right arm has no likelier one."""
+    session = ta.simulate(name, poses=40, seed=2).session
+    table = reference_table(session)
+    assert likelier_arm(load_arm(name), table) is None
+    assert likelier_arm(load_arm(stated), table).mistakes == (f"the arm is {name}, not {stated}",)
+    no_name_of_the_catalogue = replace(load_arm(stated), name="mine")
+    assert likelier_arm(no_name_of_the_catalogue, table) is None
+
+
+def test_a_fit_says_that_the_arm_is_another_one():
+    result = ta.fit("ur10", ta.simulate("ur10e", poses=40, seed=2).session, model="kinematic")
+    said = "By these readings the arm is ur10e, not ur10: they miss its drawing by 0.1"
+    assert any(str(one).startswith(said) for one in result.findings)
 
 
 def test_a_turned_base_or_a_longer_stylus_is_no_mistake(readings):

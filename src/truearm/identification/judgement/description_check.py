@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
+from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes, other_arms
 from truearm.arm.nearest_table import nearest_table
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.errors import InputError
@@ -62,6 +62,9 @@ WIDE_OTHERS, WIDE_ZEROS = (1.0, 5.0), (10.0, 58.0)
 MAX_TO_IDENTIFIED = 1.5
 # Share of the squared distance of readings held out that a mistake explains at least.
 LEAST_EXPLAINED = 0.5
+# The same where it is another arm, of which nothing but the name need be wrong: it misses by less than half. Odds say
+# little of two arms that both miss by no more than arms do.
+LEAST_OF_OTHER_ARM = 0.75
 # What is no mistake: the prior standard deviation of the angle by which the joint with the largest torque yields, root
 # mean square over the readings [rad]. Robots have up to 3e-3, printed arms more.
 SAGGING, SAG_STD = "joints yield under the weight of the arm", 5e-3
@@ -211,6 +214,20 @@ def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None 
     pairs = _screened_pairs(mistakes, stated, table)
     judged += [one for one in _judged([as_stated, *pairs], table, len(mistakes)) if one.mistakes]
     return _decided(judged, table, 1 + len(single) + len(pairs), rivals)
+
+
+@one_blas_thread()
+def likelier_arm(arm: Arm, table: ReferenceTable) -> Explanation | None:
+    """An arm of the catalogue with a similar name, which explains readings far better than the one that is stated.
+
+    Arms that are nearly alike miss each other's readings by no more than their constants may err.
+    """
+    hypotheses = [_Hypothesis((one,), one.mend(Interpretation.stated(arm))) for one in other_arms(arm)]
+    if not hypotheses:
+        return None
+    _, *found = _judged([_Hypothesis((), Interpretation.stated(arm)), *hypotheses], table, 1 + len(hypotheses))
+    best = max(found, key=lambda one: one.log_odds)
+    return best if best.explained >= LEAST_OF_OTHER_ARM else None
 
 
 def _as_identified(

@@ -31,7 +31,7 @@ from truearm.acceptance import contradict
 from truearm.arm.arm import COLUMNS, Arm, table_changes
 from truearm.arm.nearest_table import drawn_convention, drawn_table, nearest_table
 from truearm.errors import InputError
-from truearm.findings import Finding
+from truearm.findings import Finding, format_mm
 from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
@@ -41,6 +41,7 @@ from truearm.identification.judgement.description_check import (
     DescriptionCheck,
     Explanation,
     check_description,
+    likelier_arm,
 )
 from truearm.identification.judgement.joint_gains import gains_asked
 from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance, refuse_wrong_scale
@@ -229,6 +230,8 @@ class NominalCheck:
         own. None without any.
     length_scale : LengthScale or None
         By what share all identified lengths differ from the drawing alike; None where that is not needed.
+    other_arm : Explanation or None
+        An arm with a similar name whose drawing explains the readings far better.
     """
 
     error_mm: float
@@ -239,6 +242,7 @@ class NominalCheck:
     description: DescriptionCheck | None = None
     of_turns: NominalCheck | None = None
     length_scale: LengthScale | None = None
+    other_arm: Explanation | None = None
 
     @property
     def ratio(self) -> float:
@@ -275,6 +279,12 @@ class NominalCheck:
 
     def findings(self) -> tuple[Finding, ...]:
         """What a person must know of a plausible arm."""
+        if (other := self.other_arm) is not None:
+            said = (
+                f"By these readings {other}: they miss its drawing by {format_mm(other.error_mm)}, that of the arm stated "
+                f"by {format_mm(self.error_mm)}."
+            )
+            return (Finding("nominal arm", said, {"error_mm": self.error_mm, "other_error_mm": other.error_mm}),)
         if self.is_usual or self.identified is None or not self.is_plausible:  # an acceptance says so itself
             return ()
         misses = (
@@ -325,6 +335,8 @@ def check_nominal_arm(
     """
     (placed, points), (turned, turns) = (_of_kind(nominal, references, turns=one) for one in (False, True))
     check = NominalCheck(typical_error(placed), usual_nominal_error(arm, placed, state, points, constants))
+    if table is not None:
+        check = replace(check, other_arm=likelier_arm(arm, table))
     if turns:
         usual = usual_nominal_error(arm, turned, state, turns, constants)
         of_turns = NominalCheck(typical_error(turned), usual, most_noise_mm=MAX_TURN_NOISE * LEVER_MM)
