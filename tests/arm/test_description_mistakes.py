@@ -73,7 +73,8 @@ def test_an_arm_file_gives_its_table_as_it_stands(tmp_path):
 
 
 def test_no_arm_file_mends_an_arm_that_is_another_one():
-    refuses("no file of ur10 mends this: the arm is ur10e", mended_arm, load_arm("ur10"), ["the arm is ur10e, not ur10"])
+    mistake = "the arm is ur10e, not ur10"
+    refuses(f"no file of ur10 mends this: {mistake}", mended_arm, load_arm("ur10"), [mistake])
 
 
 def test_a_table_that_is_no_longer_that_of_the_chain_does_not_count():

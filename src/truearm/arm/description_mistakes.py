@@ -160,7 +160,9 @@ def mended_arm(arm: Arm, descriptions: Sequence[str]) -> Arm:
     for mistake in likely_mistakes(arm, has_lengths=True, base_is_known=True):
         if mistake.description in descriptions:
             if mistake.subject == OTHER_ARM:
-                raise InputError(f"no file of {arm.name} mends this: {mistake.description}", hint="give that arm's name")
+                raise InputError(
+                    f"no file of {arm.name} mends this: {mistake.description}", hint="give that arm's name"
+                )
             one = mistake.mend(one)
     points = (one.points_turn == stated.points_turn).all()
     matrix = one.angle_matrix

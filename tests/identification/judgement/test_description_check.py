@@ -278,7 +278,9 @@ def test_what_is_named_explains_most_of_the_error_of_readings_held_out(readings)
     assert _left_held_out(r, J, 12) == pytest.approx((np.array(left) ** 2).sum() / 12, rel=1e-6)
 
 
-@pytest.mark.parametrize(("name", "stated"), [("ur10e", "ur10"), ("ur10", "ur10e"), ("iiwa7", "iiwa14"), ("ur5", "ur10")])
+@pytest.mark.parametrize(
+    ("name", "stated"), [("ur10e", "ur10"), ("ur10", "ur10e"), ("iiwa7", "iiwa14"), ("ur5", "ur10")]
+)
 def test_an_arm_that_is_taken_for_one_with_a_similar_name_is_named(name, stated):
     """Also where its drawing misses by no more than drawings do; the right arm has no likelier one."""
     session = ta.simulate(name, poses=40, seed=2).session

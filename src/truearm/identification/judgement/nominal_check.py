@@ -281,8 +281,8 @@ class NominalCheck:
         """What a person must know of a plausible arm."""
         if (other := self.other_arm) is not None:
             said = (
-                f"By these readings {other}: they miss its drawing by {format_mm(other.error_mm)}, that of the arm stated "
-                f"by {format_mm(self.error_mm)}."
+                f"By these readings {other}: they miss its drawing by {format_mm(other.error_mm)}, that of the arm "
+                f"stated by {format_mm(self.error_mm)}."
             )
             return (Finding("nominal arm", said, {"error_mm": self.error_mm, "other_error_mm": other.error_mm}),)
         if self.is_usual or self.identified is None or not self.is_plausible:  # an acceptance says so itself
