@@ -7,7 +7,6 @@ import re
 import unicodedata
 from functools import cache
 from importlib import resources
-from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +117,7 @@ def similar_arms(arm: Arm) -> list[Arm]:
 
 def _is_like(name: str, other: str) -> bool:
     """Whether names differ in their last characters alone."""
-    same = len(commonprefix([name, other]))
+    same = next((i for i, (a, b) in enumerate(zip(name, other, strict=False)) if a != b), min(len(name), len(other)))
     return same >= 2 and max(len(name), len(other)) - same <= MOST_UNLIKE
 
 
