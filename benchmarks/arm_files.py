@@ -24,7 +24,7 @@ from truearm.arm.rigid_motions import frame_from_xyz_rpy, screw_x, screw_z
 from truearm.arm.urdf import Ends, find_ends
 from truearm.arm.urdf_tree import UrdfTree
 from truearm.errors import InputError
-from truearm.files.xml_reader import parse_xml
+from truearm.files.foreign_documents import parse_xml
 from truearm.identification.judgement.description_check import DescriptionCheck, check_description
 from truearm.identification.references.reference_table import reference_table
 from truearm.pages.palette import GREY, INK, NAVY, ORANGE, TEAL

@@ -19,9 +19,9 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.rows import RowResult, Rows, Target, own_process, peak_bytes, times_of, times_of_each
+from truearm.nets.levenberg_marquardt import ProjectedProblem, train_varpro
 from truearm.nets.normal_equations import GROUPS, FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import ProjectedProblem, train_varpro
 from truearm.solve.linear_algebra import add_product
 from truearm.solve.threads import cores, one_blas_thread
 

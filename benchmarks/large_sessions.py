@@ -20,10 +20,10 @@ import numpy as np
 import truearm as ta
 from benchmarks.cost import exponent
 from benchmarks.rows import RowResult, Rows, Target, own_process, peak_bytes, scratch
-from truearm.files.table_writer import table_writer
 from truearm.identification.from_sums import Iterate
 from truearm.readings import Session
 from truearm.readings.columns import session_columns
+from truearm.readings.files import table_writer
 from truearm.readings.large_sessions import LargeSession, sums_of_part
 from truearm.solve.executors import Executor, Processes, Serial
 from truearm.verbs.fit_sums import sent_model, sums_of_readings

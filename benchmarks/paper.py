@@ -18,9 +18,9 @@ import numpy as np
 from benchmarks.rows import RowResult, Rows, Target, machine, scratch
 from truearm.arm import load_arm
 from truearm.models import Compensator, HybridModel, KinematicModel, PhysicalModel
+from truearm.nets.levenberg_marquardt import train_varpro
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import MinMaxScaler, Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import train_varpro
 from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.verbs.record import TextTable

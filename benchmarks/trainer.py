@@ -20,10 +20,9 @@ import numpy as np
 from benchmarks.cost import dense_jacobian
 from benchmarks.peers import Curve, Task, Watch, answer_of
 from benchmarks.rows import RowResult, Rows, Target
-from truearm.nets.levenberg_marquardt import trainlm
+from truearm.nets.levenberg_marquardt import train_varpro, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import MinMaxScaler, Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import train_varpro
 from truearm.solve import DampingLimit, MarquardtDamping, NormalEquations, levenberg_marquardt
 from truearm.wings.gao2017.training import EVALUATION_STREAM, TRAINING_STREAM, Source
 

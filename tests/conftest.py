@@ -84,7 +84,7 @@ def without_extras(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str, *_: object) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr("truearm.files.extra_packages.import_module", missing)
+    monkeypatch.setattr("truearm.errors.import_module", missing)
 
 
 @pytest.fixture

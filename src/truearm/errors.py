@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 MOST_FAULTS = 20  # in one message
 
@@ -191,3 +193,27 @@ class MissingTool(InputError):
 
 class ProgramFault(RuntimeError):
     """A fault of this program, not of its input, found before it did harm."""
+
+
+def extra_module(name: str, needs: str, install: str, *, file: str | Path | None = None) -> Any:
+    """A module of a package that is no dependency.
+
+    Parameters
+    ----------
+    name : str
+    needs : str
+        What needs which package, as ``PDF files need the package pypdf``.
+    install : str
+        The hint: how to get it, or how to do without.
+    file : path, optional
+        That needs it.
+
+    Raises
+    ------
+    MissingTool
+        If it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        raise MissingTool(f"{needs}, which is not installed", file=file, hint=install) from None

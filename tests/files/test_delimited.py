@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refusals import refuses
-from truearm.files.delimited import append_rows, escape_formula, read_columns, write_columns
-from truearm.files.spreadsheet_forms import read_form
+from truearm.files.delimited import append_rows, escape_formula, read_columns, read_form, write_columns
 
 names = st.text(st.characters(blacklist_categories=("Cs", "Cc")) | st.sampled_from("'=+-@\t"), max_size=8)
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from refusals import refuses
 from truearm.errors import InputError
-from truearm.files.delimited import read_columns, write_columns
-from truearm.files.spreadsheet_forms import read_form
+from truearm.files.delimited import read_columns, read_form, write_columns
 
 # What Windows' encoding has, and no cell that is a number.
 words = st.text(st.sampled_from("aZ äöüß€é°_-/"), min_size=1, max_size=8).map(lambda word: f"s{word}")

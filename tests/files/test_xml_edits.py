@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truearm.files.xml_reader import Element, parse_xml
+from truearm.files.foreign_documents import Element, parse_xml
 from truearm.wings.exports.formats.urdf import Edit, apply_edits, set_attributes, start_tag, tag_text
 
 VALUES = st.text(st.characters(blacklist_categories=("Cs", "Cc")), max_size=12)

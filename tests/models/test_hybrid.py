@@ -9,8 +9,7 @@ from refusals import refuses
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.models import HybridModel, KinematicModel, NominalModel, load_model
-from truearm.models.hybrid import _scatter, _share_of_mean
-from truearm.models.residual_inputs import ResidualInputs
+from truearm.models.hybrid import ResidualInputs, _scatter, _share_of_mean
 from truearm.models.selection import CANDIDATES, select_model
 from truearm.readings import Session
 from truearm.verbs.fit import fit

@@ -10,9 +10,9 @@ import pytest
 from page_transcripts import blocks
 from truearm.models import NetworkModel
 from truearm.models.network import TRAINERS
+from truearm.nets.levenberg_marquardt import train_varpro
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import train_varpro
 
 PAGE = Path(__file__).parents[2] / "docs" / "networks.md"
 

@@ -12,8 +12,8 @@ from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.propagation import half_tip_difference
 from truearm.identification.terms import ArmState, GravityTorque, Term
+from truearm.identification.terms.basis import PayloadTorque
 from truearm.identification.terms.gravity import gravity_torques
-from truearm.identification.terms.torque import PayloadTorque
 from truearm.models import PhysicalModel, load_model
 from truearm.readings import Session, read_session, write_session
 from truearm.verbs.inputs import payload_findings

@@ -5,10 +5,9 @@ import pytest
 
 from refusals import refuses
 from truearm.errors import InputError
-from truearm.nets.levenberg_marquardt import trainlm
+from truearm.nets.levenberg_marquardt import ProjectedProblem, train_varpro, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import ProjectedProblem, train_varpro
 from truearm.solve.linear_algebra import as_array_like, to_numpy
 
 torch = pytest.importorskip("torch", reason="PyTorch is an extra: pip install 'truearm[torch]'")

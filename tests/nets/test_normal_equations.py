@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.nets import normal_equations
+from truearm.nets.levenberg_marquardt import ProjectedProblem
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import ProjectedProblem
 
 
 def dense_jacobian(network, weights, inputs):

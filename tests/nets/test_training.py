@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from refusals import refuses
-from truearm.nets.levenberg_marquardt import trainbr, trainlm
+from truearm.nets.levenberg_marquardt import train_varpro, trainbr, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import train_varpro
 from truearm.nets.traingd import traingd, traingdx
 from truearm.nets.training import dividerand
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from refusals import refuses
-from truearm.nets.levenberg_marquardt import LevenbergMarquardtOptions, trainlm
+from truearm.nets.levenberg_marquardt import LevenbergMarquardtOptions, train_varpro, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import ACTIVATIONS, MinMaxScaler, Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import train_varpro
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from refusals import refuses
 from truearm.errors import InputError, TruearmError
-from truearm.files import delimited, table_writer
+from truearm.files import delimited
 from truearm.readings import Session, files, read_session, write_session
 
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
@@ -498,7 +498,7 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path, monkeypatch, su
         raise OSError(28, "No space left on device")
 
     if suffix == ".csv":
-        monkeypatch.setattr(table_writer, "append_rows", full)
+        monkeypatch.setattr(files, "append_rows", full)
     else:
         monkeypatch.setattr(importlib.import_module("pyarrow.parquet").ParquetWriter, "write_table", full)
     with pytest.raises(TruearmError, match=f"{path.name}: the file cannot be written .No space left on device."):

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from truearm.files.table_writer import table_writer
+from truearm.readings.files import table_writer
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and terminals of POSIX")
 

@@ -6,11 +6,11 @@ import pytest
 import truearm as ta
 from refusals import refuses
 from truearm.errors import Contradiction
-from truearm.files.table_writer import table_writer
 from truearm.identification.judgement.gross_errors import gross_error_limit
 from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import large_sessions as module
 from truearm.readings.columns import session_columns
+from truearm.readings.files import table_writer
 from truearm.solve.executors import Processes
 from truearm.verbs.fit_sums import Spread
 

@@ -27,7 +27,7 @@ from truearm.arm.rigid_motions import frame_from_xyz_rpy
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import parse_file
-from truearm.files.yaml_reader import YamlNode, parse_yaml
+from truearm.files.foreign_documents import YamlNode, parse_yaml
 from truearm.typing import FloatArray
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")

@@ -28,7 +28,7 @@ from truearm.arm.urdf_tree import MM_PER_M, MOVING, UrdfJoint, UrdfTree, named
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import parse_file
-from truearm.files.xml_reader import Element, attribute, child, children, float_attribute, parse_xml
+from truearm.files.foreign_documents import Element, attribute, child, children, float_attribute, parse_xml
 from truearm.typing import BoolArray, FloatArray
 
 # Usual names of a tip, the first that fits: behind the name of a robot or a side, before "link" or "frame".

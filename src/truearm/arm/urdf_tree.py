@@ -9,7 +9,7 @@ import numpy as np
 
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, rotation_from_z_to
 from truearm.errors import InputError
-from truearm.files.xml_reader import Element, attribute, child, children, float_attribute
+from truearm.files.foreign_documents import Element, attribute, child, children, float_attribute
 from truearm.typing import FloatArray
 
 MM_PER_M = 1000.0

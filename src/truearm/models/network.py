@@ -18,10 +18,9 @@ from truearm.identification.references.reading_references import check_points_of
 from truearm.identification.terms import ArmState
 from truearm.models.compensator import CheckedReadings, Compensator
 from truearm.models.estimator import check_network_options
-from truearm.nets.levenberg_marquardt import BayesianRecord, trainbr, trainlm
+from truearm.nets.levenberg_marquardt import BayesianRecord, train_varpro, trainbr, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import MinMaxScaler, Perceptron, nguyen_widrow
-from truearm.nets.train_varpro import train_varpro
 from truearm.nets.traingd import AdaptiveRecord, traingd, traingdx
 from truearm.nets.training import Epoch, TrainingRecord, dividerand
 from truearm.readings.lengths import Lengths

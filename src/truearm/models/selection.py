@@ -26,10 +26,9 @@ from truearm.identification.judgement.held_out_errors import exceeds, group_mean
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
 from truearm.identification.terms import Term
 from truearm.models.compensator import Compensator
-from truearm.models.hybrid import HybridModel
+from truearm.models.hybrid import HybridModel, moves
 from truearm.models.identified_model import IdentifiedModel, KinematicModel, NominalModel, PhysicalModel, to_identified
 from truearm.models.model_findings import model_findings, training_errors
-from truearm.models.residual_inputs import moves
 from truearm.models.training_conditions import TrainingReadings
 from truearm.typing import IntArray
 

@@ -19,9 +19,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from unicodedata import category
 
-from truearm.errors import InputError
+from truearm.errors import InputError, extra_module
 from truearm.files.atomic_write import atomic_file
-from truearm.files.extra_packages import extra_module
 from truearm.pages.html import paragraphs
 from truearm.pages.page import (
     Column,

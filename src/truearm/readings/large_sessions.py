@@ -19,9 +19,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import Sheet, as_utf8
+from truearm.files.delimited import Sheet, as_utf8, encoding_of_form, form_of
 from truearm.files.file_reading import access_error, check_readable
-from truearm.files.spreadsheet_forms import encoding_of_form, form_of
 from truearm.readings.columns import QUATERNION, Columns, fields_of_frame, recognise_columns, session_columns
 from truearm.readings.files import MAX_CELLS, fields_of_sheet, is_parquet, open_parquet
 from truearm.readings.session import Session, chosen_groups, group_names

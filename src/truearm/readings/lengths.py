@@ -12,8 +12,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.delimited import check_names, quoted_cell, read_columns, write_columns
-from truearm.files.spreadsheet_forms import read_form
+from truearm.files.delimited import check_names, quoted_cell, read_columns, read_form, write_columns
 from truearm.readings.readings import LARGEST_MM, NamedRows, folded_name
 from truearm.typing import FloatArray, IntArray, NameArray
 

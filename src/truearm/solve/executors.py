@@ -19,8 +19,7 @@ from multiprocessing import get_context
 from typing import Any, Protocol, TypeVar
 from urllib.parse import urlsplit
 
-from truearm.errors import InputError, TruearmError
-from truearm.files.extra_packages import extra_module
+from truearm.errors import InputError, TruearmError, extra_module
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -57,9 +57,8 @@ def split(
     together.
     """
     from truearm.files.atomic_write import atomic_file, is_same_file
-    from truearm.files.table_writer import table_writer
     from truearm.readings import check_session_path, read_session, write_session
-    from truearm.readings.files import is_large
+    from truearm.readings.files import is_large, table_writer
     from truearm.readings.large_sessions import LargeSession, held_out_rows
     from truearm.readings.session import SplitBy
 

@@ -23,16 +23,14 @@ from truearm.acceptance import (
 )
 from truearm.choices import Conditions
 from truearm.errors import InputError
-from truearm.files.table_writer import Columns, table_writer
 from truearm.findings import Finding, findings_of, shortened
 from truearm.models import Compensator
-from truearm.models.angle_mistakes import doubt_about_angles
-from truearm.models.arm_check import with_read_angles
+from truearm.models.arm_check import doubt_about_angles, with_read_angles
 from truearm.models.identified_model import ROUNDED
 from truearm.models.training_conditions import TOGETHER
 from truearm.readings import Session
 from truearm.readings.checks import serial_number_of, serial_number_of_all
-from truearm.readings.files import is_large, open_parquet
+from truearm.readings.files import Columns, is_large, open_parquet, table_writer
 from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.solve.sums import MAX_KEPT, QuantileSketch, Sums, different, joined
 from truearm.solve.threads import one_blas_thread

@@ -11,9 +11,11 @@ from truearm.identification.terms.basis import (
     Constant,
     Direction,
     Formula,
+    GravityTorque,
     Harmonics,
     InSession,
     OfTip,
+    PayloadTorque,
     Temperature,
     basis_from_data,
     directions,
@@ -34,7 +36,6 @@ from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import SkippedTerm, Term
 from truearm.identification.terms.thermal import growth_motions, link_vectors
-from truearm.identification.terms.torque import GravityTorque, PayloadTorque
 
 __all__ = [
     "FREE_BASE",

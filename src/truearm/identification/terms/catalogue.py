@@ -13,14 +13,23 @@ import numpy as np
 from truearm.arm.chain import Chain
 from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.identification.terms.basis import AXES, Basis, Column, Constant, Direction, Formula, Harmonics, Temperature
+from truearm.identification.terms.basis import (
+    AXES,
+    Basis,
+    Column,
+    Constant,
+    Direction,
+    Formula,
+    GravityTorque,
+    Harmonics,
+    PayloadTorque,
+    Temperature,
+)
 from truearm.identification.terms.expression import Expression
-from truearm.identification.terms.harmonic_orders import bands, determined_orders, orders_name
 from truearm.identification.terms.linear_axis import linear_axis
 from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.term import SkippedTerm, Term
+from truearm.identification.terms.term import SkippedTerm, Term, bands, determined_orders, orders_name
 from truearm.identification.terms.thermal import link_vectors
-from truearm.identification.terms.torque import GravityTorque, payload_terms
 from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 
@@ -46,6 +55,10 @@ WOBBLE_ORDERS = (1, 2)
 WOBBLE_ANGLE_STD, WOBBLE_LENGTH_STD = 5e-4, 0.2  # rad, mm; at order 1
 GRAVITY_STD = 2e-5  # rad/(N m); torques of assumed masses grow with the square of the reach, and this falls with it
 JOINT_COMPLIANCE = "joint compliance"  # the group
+PAYLOAD_COMPLIANCE = "compliance under the payload"
+"""The group of `payload_terms`."""
+# Joints and links of robots and measuring arms, as of the gravity terms with known masses [rad/(N m)].
+COMPLIANCE_STD = 2e-5
 JOINT_GAINS = "joint gains"  # the group
 GAIN_STD = 1e-2  # servos and potentiometers of hobby arms have 0.5 to 3 %
 GROWTH_STD = 2e-5  # 1/K: steel 1.2e-5, aluminium 2.3e-5, carbon fibre 1e-6; see `expansion_prior` for what follows
@@ -253,6 +266,33 @@ def gravity(chain: Chain, joint: int, *, links: LinkMasses | None = None) -> lis
             std,
         )
         for about in range(3)
+        for axis in range(3)
+    ]
+
+
+def payload_terms(chain: Chain, *, from_kg: float = 0.0) -> list[Term]:
+    """Rotations of the base and of every joint by the torque of a payload, each about the axis of the torque.
+
+    The payload is a mass at the nominal tip. With known masses of the links the gravity terms have its torque too, and
+    these terms are the difference between the compliance under the arm's own weight and under the payload (balancers
+    carry the one and not the other).
+
+    Parameters
+    ----------
+    chain : Chain
+    from_kg : float
+        Payload at which the terms are zero [kg].
+    """
+    return [
+        Term(
+            f"{f'J{joint}' if joint else 'base'} rotation about {AXES[axis]} by the payload",
+            joint,
+            tuple(float(component == axis) for component in range(6)),
+            PayloadTorque(joint, axis, from_kg),
+            PAYLOAD_COMPLIANCE,
+            COMPLIANCE_STD,
+        )
+        for joint in range(chain.n_joints + 1)
         for axis in range(3)
     ]
 

@@ -15,9 +15,8 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.identification.terms.basis import Basis, Harmonics, JointNumber, Number, Orders, register_basis
 from truearm.identification.terms.expression import Expression
-from truearm.identification.terms.harmonic_orders import count_apart
 from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.term import Term
+from truearm.identification.terms.term import Term, count_apart
 from truearm.typing import FloatArray
 
 # Starting values of the evidence, at order 1: guides that are screwed to a floor.

@@ -18,8 +18,7 @@ from typing import Literal
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.files.delimited import check_names, quoted_cell, read_columns
-from truearm.files.spreadsheet_forms import read_form
+from truearm.files.delimited import check_names, quoted_cell, read_columns, read_form
 from truearm.typing import FloatArray, IntArray
 
 Kind = Literal["charuco", "chessboard", "aprilgrid", "points"]

@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import InputError
-from truearm.files.delimited import quoted_cell
+from truearm.files.delimited import quoted_cell, read_form
 from truearm.files.file_reading import check_readable
-from truearm.files.spreadsheet_forms import read_form
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm")
 # Only decoders of these are offered a file, whatever its name.

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.files.file_reading import parse_file
-from truearm.files.yaml_reader import YamlNode, parse_yaml
+from truearm.files.foreign_documents import YamlNode, parse_yaml
 from truearm.typing import BoolArray, FloatArray
 
 LensKind = Literal["brown", "fisheye"]

@@ -11,9 +11,8 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.delimited import MAX_BYTES, check_names, quoted_cell, read_columns, write_columns
+from truearm.files.delimited import MAX_BYTES, check_names, quoted_cell, read_columns, read_form, write_columns
 from truearm.files.file_reading import check_readable
-from truearm.files.spreadsheet_forms import read_form
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.wings.camera.boards import whole_numbers
 from truearm.wings.camera.lenses import LARGEST_PX

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from truearm.errors import InputError
-from truearm.files.extra_packages import extra_module
+from truearm.errors import InputError, extra_module
 from truearm.typing import BoolArray, FloatArray
 from truearm.wings.camera.boards import Board
 

@@ -15,10 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
-from truearm.files.delimited import Sheet, as_utf8, read_columns
+from truearm.files.delimited import Sheet, as_utf8, form_of, read_columns
 from truearm.files.file_reading import read_limited, recognise_encoding
-from truearm.files.spreadsheet_forms import form_of
-from truearm.files.yaml_reader import YamlNode, parse_yaml
+from truearm.files.foreign_documents import YamlNode, parse_yaml
 from truearm.readings.columns import ANGLE, FACTOR
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.camera.rotation_forms import forms_of

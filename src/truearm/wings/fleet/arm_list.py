@@ -9,8 +9,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from truearm.choices import ModelName
-from truearm.files.delimited import check_names
-from truearm.files.spreadsheet_forms import read_form
+from truearm.files.delimited import check_names, read_form
 
 
 @dataclass(frozen=True)

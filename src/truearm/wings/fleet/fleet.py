@@ -19,10 +19,9 @@ from urllib.parse import quote
 from truearm.arm import Arm, load_arm
 from truearm.arm.catalogue import arm_path
 from truearm.choices import ModelName
-from truearm.errors import InputError, TruearmError
+from truearm.errors import InputError, TruearmError, extra_module
 from truearm.files.atomic_write import atomic_file
 from truearm.files.delimited import MAX_NAME
-from truearm.files.extra_packages import extra_module
 from truearm.files.file_reading import parse_file
 from truearm.files.toml_documents import load_toml, reject_control_characters, toml_text
 from truearm.identification.terms.type_prior import kinematics_sha256, read_type_prior

@@ -19,8 +19,8 @@ from planted_models import (
 
 import truearm as ta
 from refusals import refuses
+from truearm import errors
 from truearm.errors import MissingTool
-from truearm.files import extra_packages
 from truearm.identification.terms import Constant, Term
 from truearm.identification.terms.basis import Basis
 from truearm.readings import Session
@@ -261,7 +261,7 @@ def test_a_missing_package_is_named(planted, package, monkeypatch, tmp_path):
             raise ImportError(name)
         return __import__(name)
 
-    monkeypatch.setattr(extra_packages, "import_module", without)
+    monkeypatch.setattr(errors, "import_module", without)
     with pytest.raises(MissingTool, match=rf"need the package {package}.*pip install {package}"):
         onnx_graph.tips(path, angles_of(model.arm_, 1))
     assert content_of(model, path)[0] == "not run"

@@ -20,9 +20,8 @@ import numpy as np
 
 from truearm.errors import InputError, TruearmError
 from truearm.files.atomic_write import check_writable, entry_to_disk, lock
-from truearm.files.delimited import MAX_BYTES, escape_formula
+from truearm.files.delimited import MAX_BYTES, escape_formula, form_of
 from truearm.files.file_reading import access_error, check_readable
-from truearm.files.spreadsheet_forms import form_of
 from truearm.readings import Session, read_session
 from truearm.readings.files import fields_of_sheet
 from truearm.readings.large_sessions import joined_sessions

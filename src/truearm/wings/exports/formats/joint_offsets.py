@@ -18,7 +18,7 @@ from truearm.arm import Chain, DHTable
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, screw_z, xyz_rpy_from_frame
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
-from truearm.files.yaml_reader import YamlNode, parse_yaml
+from truearm.files.foreign_documents import YamlNode, parse_yaml
 from truearm.typing import BoolArray, FloatArray
 from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, reader, writer
 from truearm.wings.exports.targets.manifest import Manifest

@@ -22,9 +22,8 @@ import numpy.typing as npt
 
 from truearm import __version__
 from truearm.arm import Chain
-from truearm.errors import InputError
+from truearm.errors import InputError, extra_module
 from truearm.files.atomic_write import atomic_file
-from truearm.files.extra_packages import extra_module
 from truearm.files.file_reading import read_limited
 from truearm.identification.terms import Expression, link_vectors
 from truearm.models import Compensator, IdentifiedModel, NetworkModel

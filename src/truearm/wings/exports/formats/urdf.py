@@ -5,7 +5,7 @@ branches and the elements of other programs stay as they are, byte for byte. Eve
 the last one the nominal flange. A link at the identified tip is added to it.
 
 The XML is edited in place, as parsers forget how a file was laid out. Here elements know their bytes
-(`truearm.files.xml_reader.Element`), and edits replace ranges of them.
+(`truearm.files.foreign_documents.Element`), and edits replace ranges of them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from truearm.arm.urdf import MAX_BYTES, UrdfChain, free_name, spaced, urdf_bytes
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
-from truearm.files.xml_reader import child
+from truearm.files.foreign_documents import child
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.rigid_arm import RigidArm

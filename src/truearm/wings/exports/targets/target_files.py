@@ -12,9 +12,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
-from truearm.files.delimited import MAX_BYTES, check_header, quoted_cell, read_columns
+from truearm.files.delimited import MAX_BYTES, check_header, quoted_cell, read_columns, read_form
 from truearm.files.file_reading import read_limited
-from truearm.files.spreadsheet_forms import read_form
 from truearm.readings import Session
 from truearm.readings.columns import ANGLE, FACTOR, TEMPERATURE, frame_numbers, frame_words, unit_of
 from truearm.readings.readings import DIRECTION, LOAD, NAMED

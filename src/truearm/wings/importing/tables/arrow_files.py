@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truearm.errors import InputError
+from truearm.errors import InputError, extra_module
 from truearm.files.delimited import MAX_BYTES
-from truearm.files.extra_packages import extra_module
 from truearm.files.file_reading import check_readable
 from truearm.wings.importing.tables.named_arrays import MAX_CELLS, columns_of, table_of_columns
 from truearm.wings.importing.tables.table import Table, TableForm, unreadable

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from truearm.errors import InputError
-from truearm.files.extra_packages import extra_module
+from truearm.errors import InputError, extra_module
 from truearm.wings.importing.tables.named_arrays import MAX_CELLS, choose_part, columns_of_records, table_of_columns
 from truearm.wings.importing.tables.table import Table, TableForm, unreadable
 from truearm.wings.importing.tables.units import name_without_unit, unit_in_name

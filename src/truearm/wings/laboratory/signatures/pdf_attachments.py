@@ -5,8 +5,7 @@ from __future__ import annotations
 import io
 import logging
 
-from truearm.errors import InputError
-from truearm.files.extra_packages import extra_module
+from truearm.errors import InputError, extra_module
 
 _BEGIN = b"%PDF-"
 MAX_ATTACHMENTS = 100

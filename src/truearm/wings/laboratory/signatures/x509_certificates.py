@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from truearm.errors import InputError
-from truearm.files.extra_packages import extra_module
+from truearm.errors import InputError, extra_module
 from truearm.files.file_reading import read_limited
 
 MAX_PEM_BYTES = 100_000

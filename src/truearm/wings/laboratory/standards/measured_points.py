@@ -17,8 +17,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.dates import parse_day
-from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns
-from truearm.files.spreadsheet_forms import read_form
+from truearm.files.delimited import Sheet, check_names, quoted_cell, read_columns, read_form
 from truearm.files.toml_documents import reject_control_characters
 from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray

@@ -14,8 +14,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file, check_new_file
 from truearm.files.dates import check_past
-from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns
-from truearm.files.spreadsheet_forms import read_form
+from truearm.files.delimited import Sheet, check_names, escape_formula, read_columns, read_form
 from truearm.number_format import format_count
 from truearm.readings.thermal_expansion import ThermalExpansion
 from truearm.typing import BoolArray, FloatArray, IntArray

@@ -14,7 +14,7 @@ from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms import ArmState
-from truearm.identification.terms.harmonic_orders import LEAST_PHASE
+from truearm.identification.terms.term import LEAST_PHASE
 from truearm.readings import Session, check_angles, skip_beyond_limits
 from truearm.typing import FloatArray
 from truearm.wings.planning.designs import Strategy

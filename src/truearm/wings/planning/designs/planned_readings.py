@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from truearm.arm import Arm
 from truearm.errors import InputError
-from truearm.files.delimited import Sheet, read_columns
-from truearm.files.spreadsheet_forms import read_form
+from truearm.files.delimited import Sheet, read_columns, read_form
 from truearm.identification.sampling import joint_travel_limits, spread_angles
 from truearm.typing import BoolArray, FloatArray, NameArray
 
