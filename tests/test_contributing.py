@@ -16,6 +16,7 @@ HEADINGS = {
     "constants": "Constants beside the drawing",
     "ur-kinematics": "UR kinematics yaml",
     "joint-offsets": "ROS joint offsets",
+    "lerobot": "LeRobot calibration",
     "js": "JavaScript",
 }
 

@@ -47,12 +47,15 @@ class YamlNode:
         Of a mapping, in its order.
     items : list of YamlNode or None
         Of a list.
+    span : tuple of int
+        Where it begins in the text, without a byte order mark, and where it ends.
     """
 
     line: int
     text: str | None = None
     entries: dict[str, YamlNode] | None = None
     items: list[YamlNode] | None = field(default=None)
+    span: tuple[int, int] = (0, 0)
 
     def mapping(self, what: str, *, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, YamlNode]:
         """The entries of a mapping with all of the required keys, and no others than these and the optional ones.
@@ -162,7 +165,7 @@ def _converted(node: yaml.Node) -> YamlNode:
     if isinstance(node, yaml.SequenceNode):
         return YamlNode(line, items=[_converted(item) for item in node.value])
     if not isinstance(node, yaml.MappingNode):
-        return YamlNode(line, text=str(node.value))
+        return YamlNode(line, text=str(node.value), span=(node.start_mark.index, node.end_mark.index))
     entries: dict[str, YamlNode] = {}
     for key, value in node.value:
         if not isinstance(key, yaml.ScalarNode):

@@ -111,6 +111,21 @@ Seed = Annotated[int, Option(min=0, help="Seed of all random numbers.")]
 Still = Annotated[float, Option("--still", help="For how long the arm stands still at a reading [s].")]
 SerialNumber = Annotated[str | None, Option("--serial-number", help="Serial number of the arm.")]
 TipName = Annotated[str | None, Option("--tip", help="Name of the tip, of a model with several.")]
+AngleUnit = Annotated[
+    str | None,
+    Option(
+        "--angle-unit",
+        help="deg, rad, gon, counts, mm or m (sliding), percent (LeRobot): one, or one a joint, separated by commas.",
+    ),
+]
+MotorsFile = Annotated[
+    str | None,
+    Option(
+        "--motors",
+        metavar="[ARM:]FILE",
+        help="LeRobot's calibration of the motors, .json; so100: before it, or alone, for an SO-100.",
+    ),
+]
 # How it runs, and what is printed.
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
 Quick = Annotated[bool, Option("--quick", help="A smaller task, in minutes.")]
@@ -123,6 +138,7 @@ SchedulerOption = Annotated[
 # Parameters of verbs that are options wherever a verb has them.
 BY_NAME: dict[str, Any] = {
     "accept": AcceptOption,
+    "angle_unit": AngleUnit,
     "arm": ArmOption,
     "artefacts": ArtefactsFile,
     "conditions": ConditionsOption,
@@ -130,6 +146,7 @@ BY_NAME: dict[str, Any] = {
     "free": FreeOption,
     "lengths": LengthsFile,
     "limits": LimitsOption,
+    "motors": MotorsFile,
     "prior": PriorFile,
     "quick": Quick,
     "seed": Seed,

@@ -21,11 +21,14 @@ from truearm.models.arm_check import check_has_kinematics
 from truearm.readings.columns import FACTOR, unit_of
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
-from truearm.verbs.inputs import ModelLike, is_model_file, to_model_of_tip
+from truearm.verbs.inputs import ModelLike, is_model_file, model_file_fingerprint, to_model_of_tip
+from truearm.verbs.outputs import check_output as check_file
 from truearm.verbs.predict import check_table_path
 from truearm.verbs.record import TableRecord, format_fixed, listed
 from truearm.wings.exports.targets import TargetDirection
 from truearm.wings.exports.targets.correction import JOINTS_OF_A_POSE, Correction, Untrained, correct_targets
+from truearm.wings.exports.targets.joint_files.joint_file import JointFile
+from truearm.wings.exports.targets.joint_files.reading import read_corrected, read_joint_file
 from truearm.wings.exports.targets.manifest import Frame, Manifest, TargetsManifest, check_joints, read_manifest
 from truearm.wings.exports.targets.pose_models import nominal_poses, reference_from_base, with_tool
 from truearm.wings.exports.targets.program_literals import (
@@ -67,6 +70,8 @@ def correct(
     untrained: Untrained = "refuse",
     uncertainty: bool = True,
     conditions: Conditions = "reproducibility",
+    angle_unit: str | None = None,
+    motors: str | None = None,
 ) -> CorrectedTargets:
     """Correct joint targets (inverse compensation).
 
@@ -76,7 +81,8 @@ def correct(
         A fitted model or its file.
     targets : (n, n_joints) array, DataFrame, str or Path
         Joints [rad, or mm for sliding joints], or a table (docs/correct.md): joints in columns such as q1_deg, or poses
-        of the tip with start joints. Positions alone have the orientation of the nominal arm at the start joints.
+        of the tip with start joints. Positions alone have the orientation of the nominal arm at the start joints. Or a
+        ROS trajectory, G-code with words of joints, or a table of LeRobot or ROS.
     direction : {"command", "feedback"}
         ``"command"``: what to send, so that the arm goes to the targets. ``"feedback"``: what the encoders mean, the
         joints at which the nominal arm is where the arm is.
@@ -93,6 +99,10 @@ def correct(
         Whether to compute the standard uncertainty of the tip, which takes most of the time.
     conditions : {"reproducibility", "repeatability"}
         What it is for (`Compensator.under`): any day, or the day and set-up of the training readings.
+    angle_unit : str, optional
+        Of a table of LeRobot (``deg``, ``percent``, ``counts``) or ROS (``deg``, ``rad``).
+    motors : str, optional
+        LeRobot's calibration file of this arm, for percent and counts.
 
     Returns
     -------
@@ -118,7 +128,7 @@ def correct(
     """
     fitted = to_model_of_tip(model)
     check_has_kinematics(fitted.arm_, "corrected targets need")
-    wanted = _to_targets(targets, start)
+    wanted = _to_targets(fitted, targets, start, direction=direction, angle_unit=angle_unit, motors=motors)
     equipped = fitted.under(conditions)
     if tool is not None:
         equipped = with_tool(equipped, _checked_tool(tool))
@@ -136,16 +146,41 @@ def correct(
     )
 
 
-def _to_targets(targets: TargetsLike, start: npt.ArrayLike | None) -> Targets:
+def _to_targets(
+    model: Compensator,
+    targets: TargetsLike,
+    start: npt.ArrayLike | None,
+    *,
+    direction: TargetDirection,
+    angle_unit: str | None,
+    motors: str | None,
+) -> Targets:
     if isinstance(targets, str | Path):
         if is_model_file(targets):
             raise InputError("expected a table of targets, got a model file", file=targets, hint="give the model first")
+        found = targets_of_joint_file(targets, model, direction=direction, angle_unit=angle_unit, motors=motors)
+        if found is not None:
+            return found
         return read_targets(targets, start=start)
     if hasattr(targets, "columns"):
         return targets_from_frame(cast("pd.DataFrame", targets), start=start)
     if start is not None:
         raise InputError("start joints are for poses; joint targets are their own start", hint="omit start")
     return targets if isinstance(targets, Targets) else Targets.of_joints(targets)
+
+
+def targets_of_joint_file(
+    path: str | Path, model: Compensator, *, direction: TargetDirection, angle_unit: str | None, motors: str | None
+) -> Targets | None:
+    """The targets in a file of joints of another program; None of a table of targets.
+
+    Raises
+    ------
+    InputError
+        As `read_joint_file`.
+    """
+    of_file = read_joint_file(Path(path), model.arm_, direction=direction, angle_unit=angle_unit, motors=motors or "")
+    return None if of_file is None else Targets(of_file.joints, file=Path(path), joint_file=of_file)
 
 
 def _checked_tool(tool: Sequence[float]) -> FloatArray:
@@ -254,6 +289,9 @@ class CorrectedTargets(TableRecord):
             If the name has another ending, cannot be written, the language cannot state the arm's joints, how J3 is
             counted is missing, or all targets were refused.
         """
+        if self.targets.joint_file is not None:
+            self._save_joint_file(Path(path), self.targets.joint_file)
+            return
         self.check_output(path, language, fanuc_j3)
         if self.refused.all():
             raise InputError(self.summary()[:-1], file=path, hint=f"first of the reasons: {self.reasons[0]}")
@@ -262,6 +300,21 @@ class CorrectedTargets(TableRecord):
         line = TargetsManifest.for_content(manifest, comment, content).line()
         with atomic_file(path, read=read_manifest) as beside:
             beside.write_text(f"{comment} {line}\n{content}", encoding="utf-8", newline="\n")
+
+    def _save_joint_file(self, path: Path, file: JointFile) -> None:
+        """Write the file of another program whole: a path has no gaps."""
+        source = self.targets.file
+        assert source is not None
+        check_output_of(path, source)
+        if self.refused.any():
+            raise InputError(
+                f"{int(self.refused.sum())} of {len(self.targets)} targets were refused: the file is not written",
+                file=path,
+                hint=f"first of the reasons: {next(filter(None, self.reasons))}",
+            )
+        made = file.corrected(self.joints, f"truearm {self.direction} {model_file_fingerprint(self.model)[:8]}")
+        with atomic_file(path) as beside:
+            beside.write_bytes(made)
 
     def _content(self, language: str | None, fanuc_j3: FanucJ3 | None) -> tuple[str, str]:
         """What begins a comment in a file, and the file's text after the line of the manifest."""
@@ -342,6 +395,8 @@ class CorrectedTargets(TableRecord):
         yield f"direction {MEANING[self.direction]}"
         refusals = [f"{self.targets.label(row)}: {reason}" for row, reason in enumerate(self.reasons) if reason]
         yield from listed("refused", refusals, "refused targets")
+        if refusals and self.targets.joint_file is not None:
+            yield "Nothing is written: a path with corrected and uncorrected targets would have steps."
         if any(reason.startswith("outside the trained range") for reason in self.reasons):
             yield "Take readings where the model is untrained, or correct and flag these targets (--untrained accept)."
         good = ~self.refused
@@ -417,6 +472,16 @@ class CorrectedTargets(TableRecord):
             rpy = ", ".join(f"{angle:.6g}" for angle in np.degrees(turns or [0.0, 0.0, 0.0]))
             lines.append(f"tool in the flange: {x:.6g}, {y:.6g}, {z:.6g} mm, roll pitch yaw {rpy} deg")
         return lines
+
+
+def check_output_of(path: str | Path, source: str | Path) -> None:
+    """Check that a file of another program can be written with corrected joints: none that truearm has not written.
+
+    Raises
+    ------
+    InputError
+    """
+    check_file(path, source, endings=(Path(source).suffix,), read=read_corrected)
 
 
 def check_output(path: str | Path, language: str | None = None, fanuc_j3: str | None = None) -> None:

@@ -22,6 +22,9 @@ FrameOption = Annotated[
 # What a program states itself, and what is of programs alone.
 OF_TABLES = ("language", "fanuc_j3", "frame", "tool", "uncertainty", "conditions")
 OF_PROGRAMS = ("frames", "diff")
+# Of tables and poses; a file of another program has joints only, and is written as it is.
+OF_POSES = ("language", "fanuc_j3", "frame", "start")
+OF_JOINT_TABLES = ("angle_unit", "motors")
 
 
 @options.of_verb("truearm.wings.exports.correct:correct")
@@ -64,25 +67,32 @@ def correct(
     Exit code 0: all targets corrected; 1: some refused; 3: none corrected, nothing written.
     """
     from truearm.verbs.inputs import to_model_of_tip
-    from truearm.wings.exports.correct import FANUC_J3_TEXT, check_output
+    from truearm.wings.exports.correct import FANUC_J3_TEXT, check_output, check_output_of, targets_of_joint_file
     from truearm.wings.exports.programs import program_command
     from truearm.wings.exports.targets.manifest import read_manifest
 
     if program_command.is_program(targets):
-        options.refuse_typed(context, OF_TABLES, "does not apply to a robot program")
+        options.refuse_typed(context, (*OF_TABLES, *OF_JOINT_TABLES), "does not apply to a robot program")
         fitted = to_model_of_tip(model, tip)
         chosen = {name: given[name] for name in ("direction", "untrained")}
         chosen |= {"start": _start_of(start, []), "frames": frames, "diff": diff, "as_json": as_json}
         raise typer.Exit(program_command.run(fitted, targets, out, **chosen))
     options.refuse_typed(context, OF_PROGRAMS, "applies to robot programs only")
-    check_output(out, language, fanuc_j3)
-    check_file(out, model, targets, read=read_manifest)
+    fitted = to_model_of_tip(model, tip)
+    of_file = {name: given[name] for name in ("direction", *OF_JOINT_TABLES)}
+    source = targets_of_joint_file(targets, fitted, **of_file)
+    if source is None:
+        options.refuse_typed(context, OF_JOINT_TABLES, "applies to tables of LeRobot and ROS only")
+        check_output(out, language, fanuc_j3)
+        check_file(out, model, targets, read=read_manifest)
+    else:
+        options.refuse_typed(context, OF_POSES, "does not apply to joints in a file of another program")
+        check_output_of(out, targets)
     with progress(f"correcting {targets.name}"):
-        fitted = to_model_of_tip(model, tip)
         start_joints = _start_of(start, fitted.arm.chain.is_prismatic.tolist())
-        corrected = verb(fitted, targets, frame=frame, tool=_tool_of(tool), start=start_joints, **given)
+        corrected = verb(fitted, source or targets, frame=frame, tool=_tool_of(tool), start=start_joints, **given)
         n_refused = int(corrected.refused.sum())
-        any_good = n_refused < len(corrected.refused)
+        any_good = n_refused < len(corrected.refused) if source is None else not n_refused
         if any_good:
             corrected.save(out, language=language, fanuc_j3=fanuc_j3)
     print_record(corrected, as_json=as_json, files={"targets": out if any_good else None})

@@ -60,7 +60,7 @@ def export(
         Joint angles at which a file of constants must be good, the poses of your task; by default a sample of the
         training readings.
     source : str or Path, optional
-        For ``urdf`` and ``ur-kinematics``: the robot's own file, of which everything but the constants is kept.
+        For ``urdf``, ``ur-kinematics`` and ``lerobot``: the robot's own file, of which all but the constants is kept.
     frame : {"base", "reference"}, optional
         For files of constants: the frame of the file's root is the arm's own base (default), or that of the reference.
     convention : {"dh", "mdh"}, optional
@@ -101,16 +101,19 @@ def export(
             f"the option {surplus[0]} does not apply to the format {name}",
             hint=f"its options are {', '.join(spec.options)}" if spec.options else "leave it out: the model is whole",
         )
+    remarks: tuple[str, ...] = ()
     if not spec.holds_constants:
         spec.load().write(fitted, Manifest.of(fitted, name), out)
+        manifest = read_manifest(out)
     else:
         if region is not None:
             name_of_region = Path(region).name if isinstance(region, str | Path) else "the poses given"
             session = to_session(region, n_joints=fitted.arm.n_joints)
             check_angles(session, n_joints=fitted.arm.n_joints, prismatic=fitted.arm.chain.is_prismatic)
             options |= {"angles": session.angles, "region": name_of_region}
-        spec.load().write(fitted, out, **options)
-    return ExportResult(fitted, Path(out), name, read_manifest(out), acceptance_remarks(accept))
+        written = spec.load().write(fitted, out, **options)
+        remarks, manifest = written.remarks, read_manifest(out) if spec.states_origin else written.manifest
+    return ExportResult(fitted, Path(out), name, manifest, acceptance_remarks(accept), remarks)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,6 +129,8 @@ class ExportResult(Record):
         What the file states of itself: origin, frame, loss, check poses.
     accepted : tuple of str
         What `accept` overrode.
+    remarks : tuple of str
+        What changed, where the file has no place to say it.
     """
 
     model: Compensator
@@ -133,6 +138,7 @@ class ExportResult(Record):
     format: ExportFormat
     manifest: Manifest
     accepted: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
@@ -154,8 +160,10 @@ class ExportResult(Record):
                 yield self._what_is_lost()
         if origin.model == "physical" and (payload := self.model.training_.columns.get(PAYLOAD)) is not None:
             yield f"It applies to the payload of the training, {payload.mean:g} kg."
-        yield from self.accepted
+        yield from (*self.remarks, *self.accepted)
         yield from accepted_in_fit(self.model.accepted_)
+        if not spec.states_origin:
+            return
         yield f"Frame of the file: {FRAMES[manifest.frame]}."
         yield "Five check poses are in the file: truearm export MODEL --check FILE compares them."
 

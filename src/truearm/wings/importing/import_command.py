@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -52,7 +53,8 @@ def import_table(
     angles: Annotated[
         str, Option(help="Columns of the joints, base to tip: names or numbers (1-6). Without it, all are recognised.")
     ] = "",
-    angle_unit: Annotated[str, Option(help=f"deg, rad, gon, counts, or mm or m (sliding): {_ONE_EACH}.")] = "",
+    angle_unit: options.AngleUnit = None,
+    motors: options.MotorsFile = None,
     counts_per_turn: Annotated[str, Option(help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")] = "",
     sign: Annotated[str, Option(help="+ or - for each joint, as +,-,+; all + by default.")] = "",
     zero: Annotated[str, Option(help="Each joint's value where its angle is zero, in the table's unit; 0.")] = "",
@@ -117,21 +119,28 @@ def import_table(
 
     from truearm.readings import check_session_path
     from truearm.wings.importing.foreign import JointScale
+    from truearm.wings.importing.foreign.lerobot_recordings import lerobot_meaning
     from truearm.wings.importing.foreign.tables import as_tables, read_foreign_tables
 
+    if motors:
+        options.refuse_typed(context, ("counts_per_turn", "sign", "zero"), "does not apply to --motors")
     sources = [table] if points_from is None else [table, points_from]
     if out is not None and not preview:
         check_session_path(out)
         check_new_output(out, *sources, force=force)
     scale = JointScale(
-        unit=cast(Any, _listed(angle_unit) or None),
+        unit=cast(Any, _listed(angle_unit or "") or None),
         counts_per_turn=_numbers(counts_per_turn, "--counts-per-turn"),
         sign=_signs(sign),
         zero=_numbers(zero, "--zero"),
     )
     columns = _columns(column or [], *map(_listed, (angles, points, point_std, orientation)))
     with progress(f"importing {table.name}"):
-        found = read_foreign_tables(as_tables(sources, form, part or ()), columns, scale, **given)
+        tables = as_tables(sources, form, part or ())
+        if motors:
+            columns, scale, said = lerobot_meaning(tables[0], columns, angle_unit or "", motors)
+            tables[0] = replace(tables[0], assumed=(*tables[0].assumed, said))
+        found = read_foreign_tables(tables, columns, scale, **given)
         if couple:
             found = _coupled(found, couple)
         if out is not None and not preview:
@@ -154,8 +163,6 @@ def _write(found: ImportedTable, out: Path) -> None:
 
 def _coupled(found: ImportedTable, sums: str) -> ImportedTable:
     """The same readings with the angles of joints in place of those of their encoders."""
-    from dataclasses import replace
-
     from truearm.arm.couplings import parse_coupling
 
     matrix = parse_coupling(sums, found.session.n_joints)

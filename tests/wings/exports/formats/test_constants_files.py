@@ -164,7 +164,7 @@ def test_a_network_has_constants_without_those_of_its_own():
 
 def test_the_file_gives_the_same_tips_and_its_check_poses(ur10, tmp_path):
     path = tmp_path / "constants.csv"
-    rigid = constants.write(ur10, path, frame="reference")
+    rigid = constants.write(ur10, path, frame="reference").rigid
     q = np.random.default_rng(0).uniform(-3, 3, (20, 6))
     expected = rigid.in_reference_frame().chain.tip_in_base(q)
     np.testing.assert_allclose(constants.tips(path, q), expected, atol=1e-9, rtol=0)
@@ -192,7 +192,7 @@ def test_a_flange_and_a_modified_table_are_in_the_file(tmp_path):
     nominal = ta.load_arm("panda")
     model = ta.KinematicModel(nominal).fit(*readings_of(true_arm(nominal, 3), 60, 1))
     path = tmp_path / "panda.csv"
-    rigid = constants.write(model, path, frame="reference")
+    rigid = constants.write(model, path, frame="reference").rigid
     text = path.read_text()
     assert "mdh: Tx(a)" in text
     assert "\nflange,rz,rad," in text

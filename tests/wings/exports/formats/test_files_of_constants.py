@@ -111,7 +111,7 @@ def source(tmp_path_factory):
 @pytest.mark.parametrize("model", ["ur10", "panda", "rail"], indirect=True)
 def test_offsets_and_origins_are_the_rigid_arm(model, tmp_path):
     path = tmp_path / "offsets.yaml"
-    rigid = joint_offsets.write(model, path, frame="reference")
+    rigid = joint_offsets.write(model, path, frame="reference").rigid
     q = poses(model.arm_, 30, 5)
     expected = rigid.in_reference_frame().chain.tip_in_base(q)
     np.testing.assert_allclose(joint_offsets.tips(path, q), expected, atol=1e-8, rtol=0)
@@ -187,7 +187,7 @@ def test_an_identified_ur_is_the_robots_file_with_its_own_hash(source, tmp_path)
     turned = replace(true, chain=true.chain.with_tip([10.0, -5.0, 90.0]))
     model = fitted(nominal, turned, 120)
     path = tmp_path / "identified.yaml"
-    rigid = ur_kinematics.write(model, path)
+    rigid = ur_kinematics.write(model, path).rigid
     assert path.read_text().rstrip().endswith(f"hash: {HASH}")
     assert set(yaml.safe_load(path.read_text())["kinematics"]) == {
         "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "hash"
@@ -208,7 +208,7 @@ def test_an_identified_ur_is_the_robots_file_with_its_own_hash(source, tmp_path)
 
 def test_a_model_of_the_catalogue_arm_goes_into_the_robots_file(ur10, source, tmp_path):
     path = tmp_path / "identified.yaml"
-    rigid = ur_kinematics.write(ur10, path, source=source)
+    rigid = ur_kinematics.write(ur10, path, source=source).rigid
     assert rigid.nominal.joint_names == JOINTS
     assert rigid.loss.exported_max_mm < 1e-3
     q = poses(ur10.arm_, 50, 5)

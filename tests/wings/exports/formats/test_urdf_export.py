@@ -102,7 +102,7 @@ def model(source) -> ta.KinematicModel:
 @pytest.fixture(scope="module")
 def exported(folder, source, model) -> tuple[Path, RigidArm]:
     path = folder / "exported.urdf"
-    return path, urdf.write(model, path, source=f"{source}:base_link:tool0")
+    return path, urdf.write(model, path, source=f"{source}:base_link:tool0").rigid
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +169,7 @@ def test_any_axes_and_origins_give_the_models_points(tmp_path, seed):
     links = f"{path}:base_link:tool0"
     arm = ta.load_arm(links)
     model = ta.KinematicModel(arm).fit_readings(readings(arm.chain, poses(80)))
-    rigid = urdf.write(model, tmp_path / "out.urdf", source=links)
+    rigid = urdf.write(model, tmp_path / "out.urdf", source=links).rigid
     q = poses(5, seed=seed)
     found = 1000 * pinocchio_tips(tmp_path / "out.urdf", MOVING, q * [1, 1, 1, 1e-3, 1], "base_link", "tip")
     np.testing.assert_allclose(found, rigid.tips_in_base(q), rtol=0, atol=1e-9)
@@ -178,7 +178,7 @@ def test_any_axes_and_origins_give_the_models_points(tmp_path, seed):
 
 
 def test_a_made_file_gives_the_stand_ins_tips_in_pinocchio(tmp_path, ur10):
-    rigid = urdf.write(ur10, tmp_path / "ur10.urdf")
+    rigid = urdf.write(ur10, tmp_path / "ur10.urdf").rigid
     q = check_joints(ur10)
     found = pinocchio_tips(tmp_path / "ur10.urdf", rigid.arm.joint_names, q, "base", "tip")
     np.testing.assert_allclose(1000 * found, rigid.tips_in_base(q), rtol=0, atol=1e-9)
@@ -197,7 +197,7 @@ def test_yourdfpy_reads_it(exported):
 
 def test_in_the_reference_frame_the_root_is_the_reference(tmp_path, source, ur10):
     q = check_joints(ur10)
-    rigid = urdf.write(ur10, tmp_path / "a.urdf", frame="reference")
+    rigid = urdf.write(ur10, tmp_path / "a.urdf", frame="reference").rigid
     expected = rigid.in_reference_frame().chain.tip_in_base(q)
     np.testing.assert_allclose(urdf.tips(tmp_path / "a.urdf", q), expected, rtol=0, atol=1e-9)
     found = pinocchio_tips(tmp_path / "a.urdf", rigid.arm.joint_names, q, "reference", "tip")
@@ -243,8 +243,8 @@ def test_a_robot_with_other_names_and_frames_takes_the_constants_of_the_catalogu
     )
     text = f'<robot name="ur10_robot"><link name="base_link"/>{links}{joints}</robot>'
     (tmp_path / "ros.urdf").write_text(text)
-    rigid = urdf.write(ur10, tmp_path / "out.urdf", source=tmp_path / "ros.urdf")
-    own = urdf.write(ur10, tmp_path / "own.urdf")
+    rigid = urdf.write(ur10, tmp_path / "out.urdf", source=tmp_path / "ros.urdf").rigid
+    own = urdf.write(ur10, tmp_path / "own.urdf").rigid
     assert rigid.loss.exported_mm == pytest.approx(own.loss.exported_mm, abs=0.02 * own.loss.nominal_mm)
     arm = read_urdf(tmp_path / "out.urdf")
     assert arm.joint_names == tuple(name for *_, name in origins)
@@ -308,7 +308,7 @@ def test_the_file_read_again_needs_no_names_of_links(source, exported):
 def test_exported_twice_there_is_one_manifest_and_the_same_arm(tmp_path, exported, model):
     """The second time the first file is the source: its origins are the nominal ones now."""
     path, rigid = exported
-    again = urdf.write(model, tmp_path / "twice.urdf", source=f"{path}:base_link:tool0")
+    again = urdf.write(model, tmp_path / "twice.urdf", source=f"{path}:base_link:tool0").rigid
     text = (tmp_path / "twice.urdf").read_text(encoding="utf-8")
     assert text.count(MARKER) == text.count("<truearm ") == 1
     q = poses(10)

@@ -2,4 +2,4 @@
 
 from typing import Literal
 
-ExportFormat = Literal["urdf", "constants", "ur-kinematics", "joint-offsets", "c", "js", "onnx", "json"]
+ExportFormat = Literal["urdf", "constants", "ur-kinematics", "joint-offsets", "lerobot", "c", "js", "onnx", "json"]

@@ -16,7 +16,7 @@ from truearm.files.file_reading import parse_file
 from truearm.models import Compensator
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats.constants_table import ConstantsTable, constants_table
-from truearm.wings.exports.formats.rigid_arm import RigidArm, best_rigid_arm
+from truearm.wings.exports.formats.rigid_arm import RigidArm, TermsOf, best_rigid_arm
 from truearm.wings.exports.targets.manifest import (
     Direction,
     Frame,
@@ -57,9 +57,9 @@ class ConstantsRequest:
     convention: Convention | None = None
     source: str | Path | None = None
 
-    def rigid_arm(self, nominal: Arm | None = None) -> RigidArm:
+    def rigid_arm(self, nominal: Arm | None = None, *, terms_of: TermsOf | None = None) -> RigidArm:
         """The model's best rigid stand-in."""
-        return best_rigid_arm(self.model, self.angles, region=self.region, nominal=nominal)
+        return best_rigid_arm(self.model, self.angles, region=self.region, nominal=nominal, terms_of=terms_of)
 
     def table(self) -> tuple[RigidArm, ConstantsTable]:
         """The best rigid stand-in and its constants in the frame of the file."""
@@ -69,23 +69,43 @@ class ConstantsRequest:
 
 
 class ConstantsFile(NamedTuple):
-    """A file of constants before it is written: the stand-in, the chain in the file, its content with a manifest."""
+    """A file of constants before it is written.
+
+    Attributes
+    ----------
+    rigid : RigidArm
+        The stand-in.
+    chain : Chain
+        That of the file.
+    content : callable
+        The content with a manifest.
+    remarks : tuple of str
+        What changed, where a file has no place to say it.
+    """
 
     rigid: RigidArm
     chain: Chain
     content: Callable[[Manifest], str | bytes]
+    remarks: tuple[str, ...] = ()
+
+
+class Written(NamedTuple):
+    """A file of constants that was written: the stand-in, with its loss; what the file states; what changed."""
+
+    rigid: RigidArm
+    manifest: Manifest
+    remarks: tuple[str, ...]
 
 
 class Write(Protocol):
     """Writes a file of constants."""
 
-    def __call__(self, model: Compensator, path: str | Path, **options: Any) -> RigidArm:
+    def __call__(self, model: Compensator, path: str | Path, **options: Any) -> Written:
         """Write the file; parameters are those of `ConstantsRequest`.
 
         Returns
         -------
-        RigidArm
-            The stand-in, with its loss.
+        Written
 
         Raises
         ------
@@ -96,20 +116,24 @@ class Write(Protocol):
 
 
 def writer(
-    format: str, file_of: Callable[[ConstantsRequest], ConstantsFile], direction: Direction = "predict"
+    format: str,
+    file_of: Callable[[ConstantsRequest], ConstantsFile],
+    direction: Direction = "predict",
+    read: Callable[[Path], object] = read_manifest,
 ) -> Write:
-    """The function that writes files of one format, with their check poses."""
+    """The function that writes files of one format, with their check poses, and reads them back."""
 
-    def write(model: Compensator, path: str | Path, **options: Any) -> RigidArm:
+    def write(model: Compensator, path: str | Path, **options: Any) -> Written:
         request = ConstantsRequest(model, Path(path), **options)
         if request.source is None or format != "urdf":
             check_not_coupled(model.arm_, format)
-        rigid, chain, content = file_of(request)
+        rigid, chain, content, remarks = file_of(request)
         tips = chain.tip_in_base(check_joints(model))
-        made = content(Manifest.of(model, format, tips=tips, direction=direction, frame=request.frame, loss=rigid.loss))
-        with atomic_file(path, read=read_manifest) as beside:
+        manifest = Manifest.of(model, format, tips=tips, direction=direction, frame=request.frame, loss=rigid.loss)
+        made = content(manifest)
+        with atomic_file(path, read=read) as beside:
             beside.write_bytes(made.encode() if isinstance(made, str) else made)
-        return rigid
+        return Written(rigid, manifest, remarks)
 
     return write
 

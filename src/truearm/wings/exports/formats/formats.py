@@ -39,6 +39,8 @@ class FormatSpec(NamedTuple):
         In words.
     is_code : bool
         Whether `tips` runs the file's own code.
+    states_origin : bool
+        Whether it has a manifest; one without a place for it is never replaced.
     """
 
     suffixes: tuple[str, ...]
@@ -46,6 +48,7 @@ class FormatSpec(NamedTuple):
     options: tuple[str, ...]
     content: str
     is_code: bool = False
+    states_origin: bool = True
 
     @property
     def holds_constants(self) -> bool:
@@ -63,6 +66,7 @@ FORMATS: dict[ExportFormat, FormatSpec] = {
     "constants": FormatSpec((".csv",), "constants", (*_CONSTANTS, "convention"), "Constants beside the nominal ones"),
     "ur-kinematics": FormatSpec((".yaml", ".yml"), "ur_kinematics", (*_CONSTANTS, "source"), "UR kinematics file"),
     "joint-offsets": FormatSpec((".yaml", ".yml"), "joint_offsets", _CONSTANTS, "ROS joint offsets"),
+    "lerobot": FormatSpec((".json",), "lerobot", ("region", "source"), "LeRobot calibration", states_origin=False),
     "c": FormatSpec((".c",), "c_source", (), "C99 source", True),
     "js": FormatSpec((".mjs", ".js"), "es_module", (), "ES module", True),
     "onnx": FormatSpec((".onnx",), "onnx_graph", (), "ONNX graph"),

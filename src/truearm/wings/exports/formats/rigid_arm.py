@@ -8,6 +8,7 @@ does not determine stay nominal, whatever the prior's size was at the start.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,6 +36,9 @@ MAX_POSES = 5000
 TRAINING_REGION = "training readings"
 # The loss is that of poses held out: each of so many parts of a region in turn.
 N_PARTS = 5
+TermsOf = Callable[[Chain, tuple[str, ...]], list[Term]]
+"""The constants of a chain that may differ, beside the parts that are free."""
+
 # Rotations about the axis of joint 1 and translations along it are those of the base.
 _ALONG_Z = {(0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}
 
@@ -66,6 +70,8 @@ class RigidArm:
         The nominal one with the model's base and tip.
     free : tuple of str
         The parts that the model identified.
+    terms : list of Term
+        The constants that were identified.
     """
 
     model: Compensator
@@ -78,12 +84,13 @@ class RigidArm:
     points: FloatArray
     start: Chain
     free: tuple[str, ...]
+    terms: list[Term]
 
     @cached_property
     def loss(self) -> ExportLoss:
         """What is lost over the region, at poses held out."""
         _, covariances = self.model.predict(self.poses, return_cov=True)
-        exported = _held_out_errors(self.fit, self.start, self.free, self.poses, self.points)
+        exported = _held_out_errors(self.fit, self.start, self.terms, self.poses, self.points)
         return ExportLoss(
             nominal_mm=float(np.linalg.norm(self.start.tip_in_base(self.poses) - self.points, axis=1).mean()),
             exported_mm=float(exported.mean()),
@@ -113,6 +120,7 @@ def best_rigid_arm(
     *,
     region: str = "",
     nominal: Arm | None = None,
+    terms_of: TermsOf | None = None,
 ) -> RigidArm:
     """Identify the constants of the rigid arm that is nearest to a model over a region.
 
@@ -128,6 +136,8 @@ def best_rigid_arm(
     nominal : Arm, optional
         Another description of the same arm, to whose frames and constants the stand-in is nearest; by default the arm
         for which the model was fitted. Its base and its tip are placed where the model's points have them.
+    terms_of : callable, optional
+        What may differ from the nominal arm: `all_constants` by default.
 
     Raises
     ------
@@ -139,7 +149,8 @@ def best_rigid_arm(
     poses, words = _region(model, angles, region)
     points = model.predict(poses)
     start, free = _placed(model, arm, poses, points)
-    fit = _fitted(start, free, poses, points)
+    terms = (terms_of or all_constants)(start, free)
+    fit = _fitted(start, terms, poses, points)
     chain = fit.chain
     T_reference_base = np.eye(4)
     if "base" in free:
@@ -150,17 +161,17 @@ def best_rigid_arm(
     kind = type(model).__name__.removesuffix("Model").lower()
     title = f"{arm.title}, constants refitted to a {kind} model".strip(", ")
     rigid = replace(arm, chain=chain, title=title, serial_number=model.arm_.serial_number or arm.serial_number)
-    return RigidArm(model, rigid, arm, T_reference_base, fit, poses, words, points, start, free)
+    return RigidArm(model, rigid, arm, T_reference_base, fit, poses, words, points, start, free, terms)
 
 
-def _fitted(start: Chain, free: tuple[str, ...], poses: FloatArray, points: FloatArray) -> IdentificationResult:
+def _fitted(start: Chain, terms: list[Term], poses: FloatArray, points: FloatArray) -> IdentificationResult:
     """Constants identified from the model's points at the poses."""
     references = [Points(np.arange(len(poses)), points)]
-    return identify(start, ArmState(start, poses), _terms(start, free), references, robust=False)
+    return identify(start, ArmState(start, poses), terms, references, robust=False)
 
 
 def _held_out_errors(
-    fit: IdentificationResult, start: Chain, free: tuple[str, ...], poses: FloatArray, points: FloatArray
+    fit: IdentificationResult, start: Chain, terms: list[Term], poses: FloatArray, points: FloatArray
 ) -> FloatArray:
     """Distances (n,) [mm] from the points of constants that were identified from the other parts of the region.
 
@@ -172,7 +183,7 @@ def _held_out_errors(
     if len(distinct) <= MIN_ROWS:  # nothing determines constants from fewer
         return errors
     for held_out in (part == k for k in np.unique(part)):
-        chain = _fitted(start, free, poses[~held_out], points[~held_out]).chain
+        chain = _fitted(start, terms, poses[~held_out], points[~held_out]).chain
         errors[held_out] = np.linalg.norm(chain.tip_in_base(poses[held_out]) - points[held_out], axis=1)
     return errors
 
@@ -245,7 +256,7 @@ def _with_nominal_flange(chain: Chain, nominal: Chain) -> Chain:
     return Chain(fixed, turn @ chain.tip_in_flange, chain.prismatic, chain.coupling)
 
 
-def _terms(chain: Chain, free: tuple[str, ...]) -> list[Term]:
+def all_constants(chain: Chain, free: tuple[str, ...]) -> list[Term]:
     """Constants of all places, without those that a motion of the base or the tip replaces.
 
     Motions after the last joint move the tip as translations of the tip do: the flange stays nominal.
@@ -257,6 +268,11 @@ def _terms(chain: Chain, free: tuple[str, ...]) -> list[Term]:
         and not (term.place == 1 and term.direction in _ALONG_Z)
         and not term.group.startswith("equivalent to a free")
     ]
+
+
+def zeros_alone(chain: Chain, free: tuple[str, ...]) -> list[Term]:
+    """The zeros of the joints, and the parts that are free."""
+    return [term for term in all_constants(chain, free) if term.group in (*free, "joint offsets")]
 
 
 def _joints(chain: Chain) -> str:

@@ -14,6 +14,7 @@ from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.readings import Session, check_angles, skip_beyond_limits
 from truearm.typing import FloatArray, NameArray
+from truearm.wings.exports.targets.joint_files.joint_file import JointFile
 
 Kind = Literal["joints", "poses", "positions"]
 
@@ -43,6 +44,8 @@ class Targets:
     file : Path, optional
     first_line : int, optional
         Line of the first target in `file`.
+    joint_file : JointFile, optional
+        The file of another program that they came from, which takes corrected joints.
     """
 
     joints: FloatArray
@@ -56,6 +59,7 @@ class Targets:
     given: Mapping[str, FloatArray | NameArray] = field(default_factory=dict)
     file: Path | None = None
     first_line: int | None = None
+    joint_file: JointFile | None = None
 
     def __len__(self) -> int:
         return len(self.joints)

@@ -1,0 +1,64 @@
+"""Which files are joint targets of another program, and what is in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from truearm.arm import Arm
+from truearm.errors import InputError
+from truearm.files.file_reading import check_readable, read_limited
+from truearm.wings.exports.targets import TargetDirection
+from truearm.wings.exports.targets.joint_files import gcode, tables, trajectories
+from truearm.wings.exports.targets.joint_files.joint_file import JointFile, is_marked
+
+MAX_BYTES = 64 * 2**20
+# A parser of YAML takes some microseconds a byte.
+MAX_YAML_BYTES = 8 * 2**20
+SUFFIXES = (*trajectories.SUFFIXES, *gcode.SUFFIXES, ".parquet")
+
+
+def read_joint_file(
+    path: Path, arm: Arm, *, direction: TargetDirection, angle_unit: str | None = None, motors: str = ""
+) -> JointFile | None:
+    """The joint targets of a file of another program; None of a table of targets.
+
+    Parameters
+    ----------
+    path : Path
+    arm : Arm
+        The model's arm.
+    direction : {"command", "feedback"}
+    angle_unit : str, optional
+        Of a table that does not state it.
+    motors : str
+        LeRobot's calibration, as the option --motors has it.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, of another arm, or corrected in this direction already.
+    """
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".parquet":
+            check_readable(path, limit_bytes=MAX_BYTES)
+            return tables.read_parquet(path, arm, direction, angle_unit, motors)
+        if suffix in trajectories.SUFFIXES:
+            return trajectories.read_trajectory(read_limited(path, limit_bytes=MAX_YAML_BYTES), arm, direction)
+        content = read_limited(path, limit_bytes=MAX_BYTES)
+        if suffix in gcode.SUFFIXES:
+            return gcode.read_gcode(content, arm, direction)
+        return tables.read_csv(content, arm, direction, angle_unit, motors)
+    except InputError as error:
+        raise error if error.file is not None else error.in_file(path) from None
+
+
+def read_corrected(path: Path) -> None:
+    """Check that a file says that truearm has written it: no other is replaced.
+
+    Raises
+    ------
+    InputError
+    """
+    if not is_marked(read_limited(path, limit_bytes=MAX_BYTES).decode("latin-1")):
+        raise InputError("it does not say that truearm has written it", file=path)

@@ -1,0 +1,237 @@
+"""Joints in files of other programs: found, corrected in place and nothing else, refused where they are not clear."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+import truearm as ta
+from refusals import refuses
+from truearm.wings.exports.targets.joint_files.joint_file import places_of
+
+Q = np.random.default_rng(3).uniform(-0.8, 0.8, (4, 5)).round(4)
+NAMES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+
+
+@pytest.fixture(scope="module")
+def model() -> ta.KinematicModel:
+    nominal = ta.load_arm("so101")
+    q = np.random.default_rng(0).uniform(-1, 1, (60, 5))
+    motions = np.random.default_rng(1).normal(size=(nominal.chain.n_places, 6)) * ([2e-3] * 3 + [0.3] * 3)
+    return ta.KinematicModel(nominal).fit(q, nominal.chain.with_motions(motions).tip_in_base(q))
+
+
+@pytest.fixture(scope="module")
+def unchanged() -> ta.NominalModel:
+    """A model that equals the nominal arm."""
+    nominal = ta.load_arm("so101")
+    q = np.random.default_rng(0).uniform(-1, 1, (60, 5))
+    return ta.NominalModel(nominal).fit(q, nominal.chain.tip_in_base(q))
+
+
+def degrees(values: np.ndarray) -> list[list[float]]:
+    return np.degrees(values).round(5).tolist()
+
+
+def trajectory() -> str:
+    """A message with comments, the joints in another order, numbers in several notations, and more than positions."""
+    text = "# plan 7\r\nheader: {frame_id: ''}\r\njoint_names: [J2, J1, J3, J5, J4]\r\npoints:\r\n"
+    for row in Q[:, [1, 0, 2, 4, 3]].tolist():
+        text += f"- positions: {row}  # here\r\n  velocities: [0.0, 0, 0, 0, 0]\r\n  time_from_start: {{sec: 1}}\r\n"
+    return text
+
+
+def gcode() -> str:
+    lines = ["%", "G21 (all joints J1=1)"]
+    for row in degrees(Q):
+        lines.append("N10 G1 " + " ".join(f"J{i}={angle:+.5f}" for i, angle in enumerate(row, 1)) + " F100 ; J2=0")
+    return "\r\n".join([*lines, "M30", ""])
+
+
+def lettered() -> str:
+    return "\n".join("G1 " + " ".join(f"{c}{v:.4f}" for c, v in zip("ABCUV", row, strict=True)) for row in degrees(Q))
+
+
+def lerobot_csv() -> str:
+    rows = [",".join(map(str, [0.1, *row, 33, '"a, b"'])) for row in degrees(Q)]
+    return "\n".join([f"timestamp,{','.join(f'{name}.pos' for name in NAMES)},gripper.pos,remark", *rows, ""])
+
+
+def list_csv() -> str:
+    rows = [f'{i},"{[*row, 33]}"' for i, row in enumerate(degrees(Q))]
+    return "\n".join(["frame_index,observation.state", *rows, ""])
+
+
+def ros_csv() -> str:
+    rows = [";".join(map(str, [1, *row])) for row in Q[:, ::-1].tolist()]
+    return "\n".join(["time;J5;J4;J3;J2;J1", *rows, ""])
+
+
+FILES = {
+    "t.yaml": (trajectory, None),
+    "j.nc": (gcode, None),
+    "a.ngc": (lettered, None),
+    "l.csv": (lerobot_csv, "deg"),
+    "list.csv": (list_csv, "deg"),
+    "r.csv": (ros_csv, "rad"),
+}
+
+
+def without_numbers(text: str) -> str:
+    return "".join("#" if c in "0123456789.+-eE" else c for c in text).replace("#", "")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_joints_are_corrected_in_place_and_nothing_else(model, tmp_path, name):
+    made, unit = FILES[name]
+    (tmp_path / name).write_bytes(made().encode())
+    corrected = ta.correct(model, tmp_path / name, angle_unit=unit)
+    np.testing.assert_allclose(corrected.targets.joints, Q, rtol=0, atol=1e-6)
+    plain = ta.correct(model, Q)
+    np.testing.assert_allclose(corrected.joints, plain.joints, rtol=0, atol=1e-6)
+    out = tmp_path / f"out{(tmp_path / name).suffix}"
+    corrected.save(out)
+    text = out.read_bytes().decode()
+    kept = "".join(line for line in text.splitlines(keepends=True) if "truearm command" not in line)
+    assert without_numbers(kept) == without_numbers(made())
+    for fixed in ("33", "F100", "sec: 1", "[0.0, 0, 0, 0, 0]", "; J2=0", "J1=1)", "plan 7"):
+        assert (fixed in kept) == (fixed in made())
+    again = out if kept != text else None
+    # The joints that were written, to a tenth of a thousandth of a degree, in the file's unit.
+    if again is None:
+        np.testing.assert_allclose(
+            ta.correct(model, out, angle_unit=unit, direction="feedback").joints, Q, rtol=0, atol=5e-6
+        )
+    else:
+        refuses("corrected already", ta.correct, model, out)
+        back = ta.correct(model, out, direction="feedback")
+        np.testing.assert_allclose(back.targets.joints, plain.joints, rtol=0, atol=2e-6)
+        np.testing.assert_allclose(back.joints, Q, rtol=0, atol=5e-6)
+        back.save(tmp_path / f"back{out.suffix}")
+        assert "truearm" not in (tmp_path / f"back{out.suffix}").read_bytes().decode()
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_model_that_is_the_nominal_arm_changes_no_number(unchanged, tmp_path, name):
+    made, unit = FILES[name]
+    (tmp_path / name).write_bytes(made().encode())
+    out = tmp_path / f"out{(tmp_path / name).suffix}"
+    ta.correct(unchanged, tmp_path / name, angle_unit=unit, untrained="accept").save(out)
+    lines = out.read_bytes().decode().splitlines(keepends=True)
+    assert "".join(line for line in lines if "truearm command" not in line) == made()
+
+
+def test_a_dataset_of_lerobot_keeps_its_columns_types_and_metadata(model, tmp_path):
+    state = np.hstack([np.degrees(Q), np.full((4, 1), 33.0)]).astype(np.float32)
+    fixed, loose = pa.list_(pa.float32(), 6), pa.list_(pa.float32())
+    table = pa.table(
+        {
+            "observation.state": pa.array(state.tolist(), type=loose),
+            "action": pa.array(state.tolist(), type=fixed),
+            "timestamp": np.arange(4) / 30,
+        }
+    ).replace_schema_metadata({b"huggingface": b"{}"})
+    pq.write_table(table, tmp_path / "d.parquet")
+    corrected = ta.correct(model, tmp_path / "d.parquet", angle_unit="deg")
+    corrected.save(tmp_path / "c.parquet")
+    found = pq.read_table(tmp_path / "c.parquet")
+    assert found.schema.equals(table.schema)
+    assert found.schema.metadata[b"huggingface"] == b"{}"
+    assert found["observation.state"].equals(table["observation.state"])
+    action = np.array(found["action"].to_pylist())
+    np.testing.assert_allclose(np.radians(action[:, :5]), ta.correct(model, Q).joints, rtol=0, atol=1e-6)  # float32
+    assert (action[:, 5] == 33).all()
+    refuses("corrected already", ta.correct, model, tmp_path / "c.parquet", angle_unit="deg")
+    # What the motors read is another column.
+    read = ta.correct(model, tmp_path / "c.parquet", angle_unit="deg", direction="feedback")
+    read.save(tmp_path / "f.parquet")
+    assert pq.read_table(tmp_path / "f.parquet")["action"].equals(found["action"])
+
+
+def test_ticks_stay_whole_numbers(model, tmp_path):
+    from test_lerobot_motors import calibration
+
+    (tmp_path / "cal.json").write_text(calibration())
+    (tmp_path / "t.csv").write_text(",".join(NAMES) + "\n2000,2100,1900,2100,2000\n")
+    ta.correct(
+        model, tmp_path / "t.csv", angle_unit="counts", motors=str(tmp_path / "cal.json"), untrained="accept"
+    ).save(tmp_path / "o.csv")
+    ticks = (tmp_path / "o.csv").read_text().splitlines()[1].split(",")
+    assert all(tick.isdecimal() for tick in ticks)
+    assert max(abs(int(tick) - was) for tick, was in zip(ticks, (2000, 2100, 1900, 2100, 2000), strict=True)) < 20
+
+
+def test_a_path_is_written_whole_or_not_at_all(model, tmp_path, truearm, refused):
+    model.save(tmp_path / "m.truearm")
+    far = trajectory().replace(str(float(Q[2, 0])), "2.9")
+    (tmp_path / "t.yaml").write_text(far)
+    ran = truearm("correct", tmp_path / "m.truearm", tmp_path / "t.yaml", "--out", tmp_path / "o.yaml")
+    assert ran.code == 3
+    assert "refused: target 3: " in ran.out
+    assert "Nothing is written" in ran.out
+    assert not (tmp_path / "o.yaml").exists()
+    (tmp_path / "t.yaml").write_text(trajectory())
+    command = ["correct", tmp_path / "m.truearm", tmp_path / "t.yaml", "--out"]
+    refused([*command, tmp_path / "o.yaml", "--as", "rapid"], "--as does not apply to joints in a file of another")
+    refused([*command, tmp_path / "o.csv"], ".yaml")
+    refused([*command, tmp_path / "t.yaml"], "would be overwritten")
+    (tmp_path / "mine.yaml").write_text("a: 1\n")
+    refused([*command, tmp_path / "mine.yaml"], "does not say that truearm has written it")
+    for _ in range(2):  # its own is replaced
+        assert truearm(*command, tmp_path / "o.yaml").code == 0
+    assert yaml.safe_load((tmp_path / "o.yaml").read_text())["joint_names"] == ["J2", "J1", "J3", "J5", "J4"]
+    (tmp_path / "p.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg\n0,0,0,0,0\n")
+    refused(
+        ["correct", tmp_path / "m.truearm", tmp_path / "p.csv", "--angle-unit", "deg", "--out", tmp_path / "o.csv"],
+        "--angle-unit applies to tables of LeRobot and ROS only",
+    )
+
+
+def test_the_order_of_joints_is_that_of_their_names():
+    so101, ur10 = ta.load_arm("so101"), ta.load_arm("ur10")
+    assert places_of(["joint_3", "joint_1", "joint_2", "joint_5", "joint_4"], so101) == [1, 2, 0, 4, 3]
+    shown = ["elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint", "wrist_1_joint", "wrist_2_joint"]
+    assert places_of([*shown, "wrist_3_joint"], ur10) == [2, 1, 0, 3, 4, 5]
+    assert places_of(list("abcde"), so101) is None
+    assert places_of(["J1", "J1", "J2", "J3", "J4"], so101) is None
+
+
+BAD = {
+    "unknown.yaml": (
+        "joint_names: [a, b, c, d, e]\npoints:\n- positions: [1, 2, 3, 4, 5]\n",
+        "are not those of the arm",
+    ),
+    "short.yaml": ("joint_names: [J1, J2, J3, J4, J5]\npoints:\n- positions: [1, 2]\n", "expected 5 positions, got 2"),
+    "words.yaml": ("joint_names: [J1, J2, J3, J4, J5]\npoints: [[1, 2, x, 4, 5]]\n", "as a finite number"),
+    "bomb.yaml": ("a: &a [1]\nb: *a\n", "anchors"),
+    "deep.yaml": ("[" * 50 + "]" * 50, "levels"),
+    "none.yaml": ("a: 1\n", "expected a trajectory"),
+    "latin.yaml": ("# \u00e9\n", "expected UTF-8"),
+    "some.nc": ("G1 J1=1 J2=2\n", "expected all 5 joints of the arm"),
+    "xyz.nc": ("G1 X1 A1 B2 C3 U4 V5\n", "no other axes"),
+    "increments.nc": ("G91\nG1 J1=1 J2=2 J3=3 J4=4 J5=5\n", "G91 changes what joints mean"),
+    "empty.nc": ("M30\n", "expected lines with joints"),
+    "unit.csv": ("J1,J2,J3,J4,J5\n1,2,3,4,5\n", "do not say their unit"),
+    "cells.csv": (",".join(NAMES) + "\n1,2,3,4\n", "do not say their unit"),
+    "broken.parquet": ("PAR1 no", "cannot be read as Parquet"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_not_clear_is_refused(model, tmp_path, name):
+    text, said = BAD[name]
+    (tmp_path / name).write_bytes(text.encode("latin-1"))
+    error = refuses(said, ta.correct, model, tmp_path / name)
+    assert error.file == tmp_path / name
+
+
+def test_rows_that_lack_a_joint_are_refused(model, tmp_path):
+    header = ",".join(NAMES)
+    for row, said in (("1,2,3,4", "expected 5 cells, got 4"), ("1,2,3,x,5", "expected 5 numbers of joints, got 4")):
+        (tmp_path / "t.csv").write_text(f"{header}\n1,2,3,4,5\n{row}\n")
+        assert refuses(said, ta.correct, model, tmp_path / "t.csv", angle_unit="deg").line == 3
+    ur10 = ta.load_arm("ur10")
+    q = np.random.default_rng(0).uniform(-1, 1, (30, 6))
+    other = ta.KinematicModel(ur10).fit(q, ur10.chain.tip_in_base(q))
+    refuses("expected the model of an SO-100 or SO-101", ta.correct, other, tmp_path / "t.csv", angle_unit="deg")
