@@ -145,20 +145,23 @@ def wall() -> RowResult:
     files, wings = sources(HOUSE), plan()["wings"]
     rooms: dict[str, list[int]] = defaultdict(lambda: [0, 0])
     for name, source in files.items():
-        for room in (wing_of(name, wings) or "core", "together"):
+        folder = source.path.parent.relative_to(HOUSE).as_posix()
+        wing = wing_of(name, wings)
+        for room in (folder if folder != "." else "doors", f"wing: {wing}" if wing else "core", "together"):
             rooms[room][0] += source.code
             rooms[room][1] += 1
     across = names_across(doors(files), wings)
     back = names_across(doors(files), wings, back=True)
-    table = [{"part": room, "code lines": lines, "files": n} for room, (lines, n) in sorted(rooms.items())]
+    order = sorted(rooms, key=lambda room: (room in ("core", "together"), room.startswith("wing: "), room))
+    table = [{"part": room, "code lines": rooms[room][0], "files": rooms[room][1]} for room in order]
     return RowResult(
         table,
         [
-            Target("code lines of the core", rooms["core"][0], 22000),
-            Target("files of the core", rooms["core"][1], 195),
+            Target("code lines of the core", rooms["core"][0], 19000),
+            Target("files of the core", rooms["core"][1], 130),
             Target("code lines in all", rooms["together"][0], 57000),
             Target("files in all", rooms["together"][1], 400),
-            Target("names of the core that wings import", sum(map(len, across.values())), 170),
+            Target("names of the core that wings import", sum(map(len, across.values())), 150),
             Target("names of wings that the core imports", sum(map(len, back.values())), 0),
         ],
     )
