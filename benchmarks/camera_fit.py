@@ -56,7 +56,7 @@ class Fitted:
         """New poses (n, n_joints), true poses of the board in the camera there, and true tips (n, 3) [mm]."""
         angles = self.cell.poses(FRESH, seed=9000 + self.cell.virtual.seed)
         T = self.cell.T_camera_board(angles, self.cell.virtual.motions(angles))
-        tips = (inverse(T) @ np.append(self.found.poses.centre, 1.0))[:, :3] if self.cell.is_in_hand else T[:, :3, 3]
+        tips = (inverse(T) @ np.append(tip_in_camera(self.found), 1.0))[:, :3] if self.cell.is_in_hand else T[:, :3, 3]
         return angles, T, tips
 
     def true_camera(self) -> FloatArray:
@@ -66,6 +66,11 @@ class Fitted:
         chain = nominal.with_tip(np.zeros(3)).with_motions(of_poses).with_reference_frame(inverse(cell.T_world_fixed))
         in_base, on_flange = mounts(chain, nominal)
         return on_flange @ cell.T_flange_mounted if cell.is_in_hand else in_base
+
+
+def tip_in_camera(found: ImageFit) -> FloatArray:
+    """(3,) The tip of a camera on the flange [mm]."""
+    return found.poses.T_child_tip["camera"][:3, 3]
 
 
 def left_mm(tips: FloatArray, true: FloatArray, T: FloatArray) -> float:
@@ -93,7 +98,7 @@ def arms(arms: tuple[str, ...] = ARMS, units: int = 3, images: int = 60, model: 
                     [left_mm(of.predict(angles), tips, T) for of in (one.found.fitted.model, one.found.fitted.nominal)]
                 )
                 seconds.append(one.cpu_s)
-                off.append(np.abs(one.found.lens.fx - one.cell.lens.fx) / one.cell.lens.fx)
+                off.append(np.abs(one.found.lenses[0].fx - one.cell.lens.fx) / one.cell.lens.fx)
             identified, nominal = np.mean(errors, axis=0).tolist()
             table.append(
                 {
@@ -201,12 +206,12 @@ def _against(name: str, seed: int, images: int, in_hand: bool, model: str) -> tu
     angles = cell.poses(60, seed=5000 + seed)
     pixels = cell.project(cell.T_camera_board(angles, cell.virtual.motions(angles)))
     assert found.fitted is not None
-    corners = found.board_scale * (cell.board.points - cell.middle)
-    of = Images(corners, pixels, found.lens, np.zeros(9), 0.0)
+    corners = found.board_scales[0] * (cell.board.points - cell.middle)
+    of = Images.of_one(corners, pixels, found.lenses[0], np.zeros(9), 0.0)
     seen = adjust(of, *first_poses(of))
     tips = found.fitted.model.predict(angles)
     if in_hand:  # the tip is a point before the camera, in the board
-        points = (seen.R.transpose(0, 2, 1) @ (found.poses.centre - seen.t)[:, :, None])[:, :, 0]
+        points = (seen.R.transpose(0, 2, 1) @ (tip_in_camera(found) - seen.t)[:, :, None])[:, :, 0]
     else:
         points = seen.t
     ours = float(np.linalg.norm(tips - points, axis=1).mean())

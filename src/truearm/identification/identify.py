@@ -322,7 +322,7 @@ def identify_offered(
     progress : callable, optional
     """
     readings = _at_mean_temperature(readings)
-    terms = [*terms, *day_to_day_terms(readings.arm.chain, readings.frames)]
+    terms = [*terms, *day_to_day_terms(readings.arm.chain, readings.days)]
     start = Start(_weights_without(readings, known))
     found = estimate_without_gross_errors(readings, terms, start, progress)
     if gains := gains_asked(found.fit, readings.state, readings.references, terms):
@@ -380,7 +380,7 @@ def identify_physical(
     """
     readings = _at_mean_temperature(readings)
     terms, skipped = candidate_terms(readings.state, free=readings.free, highest=highest)
-    terms += [*further, *day_to_day_terms(readings.arm.chain, readings.frames)]
+    terms += [*further, *day_to_day_terms(readings.arm.chain, readings.days)]
     start = Start(_weights_without(readings, known))
     if has_constants:
         start = Start(start.weights, known[-1])

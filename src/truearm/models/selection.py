@@ -299,6 +299,7 @@ def _why_no_hybrid(
     used = arm_model.held_out_
     for excludes, reason in (
         (readings.lengths is not None, "its networks do not learn from lengths"),
+        (any(one.kind == "pose" for one in readings.references), "its networks learn points, and these are poses"),
         (not readings.has_point.all(), "its networks need a reference point at every reading"),
         (bool(readings.frames), "its networks learn in one frame, and the sessions have one each"),
         (len(readings.tips) > 1, "its networks learn one tip"),

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from truearm.errors import InputError
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray
 
 # An arm whose position errs by a millimetre usually turns its flange by a millimetre at this distance.
 LEVER_MM = 400.0
@@ -61,6 +61,14 @@ class PoseErrors:
 
     def __len__(self) -> int:
         return len(self.covariance)
+
+    def turned(self, which: BoolArray, R: FloatArray) -> Self:
+        """The same in another frame for some readings, with the rotation (3, 3) into it."""
+        both = np.kron(np.eye(2), R)
+        covariance, by_common = self.covariance.copy(), self.by_common.copy()
+        covariance[which] = both @ covariance[which] @ both.T
+        by_common[which] = both @ by_common[which]
+        return replace(self, covariance=covariance, by_common=by_common)
 
     def rows(self, which: Any) -> Self:
         """Those of some readings."""

@@ -43,12 +43,54 @@ def images(
     noise = std_px * np.random.default_rng([seed, 5]).standard_normal(exact.shape)
     seen = np.random.default_rng([seed, 6]).uniform(size=(n, 1, len(corners))) < 0.9
     n_lens = len(lens.intrinsics)
-    return Images(corners, np.where(seen, exact + noise, np.nan), lens, np.full(n_lens, u), u_scale), R, t
+    return Images.of_one(corners, np.where(seen, exact + noise, np.nan), lens, np.full(n_lens, u), u_scale), R, t
 
 
-@pytest.mark.parametrize("lens", [BROWN, FISHEYE])
-def test_derivatives_are_those_of_a_difference_quotient(lens):
-    of, R, t = images(3, lens, u_scale=0.002)
+def of_two_cameras(m: int = 8) -> tuple[Images, Images, Images]:
+    """Images of two boards by two cameras, in turns, and those of each camera alone; `m` of each."""
+    grid = aprilgrid(4, 4, 40.0, 12.0).points
+    boards = CORNERS, grid - grid.mean(axis=0)
+    one, other = (
+        images(m, lens, corners, std_px=std, seed=seed)[0]
+        for lens, corners, std, seed in ((BROWN, boards[0], 0.2, 1), (FISHEYE, boards[1], 0.5, 2))
+    )
+    pixels = np.full((2 * m, 2, max(map(len, boards))), np.nan)
+    pixels[::2, :, : len(boards[0])], pixels[1::2, :, : len(boards[1])] = one.pixels, other.pixels
+    which = np.tile([0, 1], m)
+    both = Images(
+        boards,
+        pixels,
+        (BROWN, FISHEYE),
+        (*one.u_intrinsics, *other.u_intrinsics),
+        np.array([0.0, 0.0]),
+        which,
+        which,
+        ("left", "right"),
+        ("A", "B"),
+    )
+    return both, one, other
+
+
+def test_cameras_that_share_no_board_are_adjusted_as_each_alone():
+    both, *alone = of_two_cameras()
+    found = adjust(both, *first_poses(both))
+    for k, of in enumerate(alone):
+        one = adjust(of, *first_poses(of))
+        assert np.allclose(found.t[k::2], one.t, atol=1e-5)  # mm; steps end at a ten-thousandth of a standard deviation
+        assert found.std_px[k] == pytest.approx(one.std_px[0], rel=1e-6)
+        assert np.allclose(found.covariance[k::2], one.covariance, rtol=1e-4)
+        own = both.intrinsics[k]
+        assert np.allclose(found.unknowns[own], one.unknowns, atol=1e-3)
+        assert np.allclose(found.u_unknowns[own], one.u_unknowns, rtol=1e-4)
+
+
+@pytest.mark.parametrize("of_what", [BROWN, FISHEYE, "two"])
+def test_derivatives_are_those_of_a_difference_quotient(of_what):
+    if of_what == "two":
+        of = replace(of_two_cameras(2)[0], u_scale=np.array([0.002, 0.001]))
+        R, t = first_poses(of)
+    else:
+        of, R, t = images(3, of_what, u_scale=0.002)
     x = np.random.default_rng(2).normal(0, 0.3, len(of.units))
     at = linearise(of, R, t, x)
     step = 1e-5
@@ -93,10 +135,10 @@ def test_the_eliminated_equations_are_those_of_all_parameters_at_once():
 def test_planted_intrinsics_and_poses_are_found_within_their_uncertainty(lens):
     of, R, t = images(40, lens)
     start = guess_lens(CORNERS, of.pixels, (lens.width, lens.height)) if lens is BROWN else lens
-    of = replace(of, lens=start)
+    of = replace(of, lenses=(start,))
     found = adjust(of, *first_poses(of))
     assert found.settled
-    off = (lens.intrinsics - of.values(found.unknowns)[0].intrinsics) / np.append(
+    off = (lens.intrinsics - of.values(found.unknowns)[0][0].intrinsics) / np.append(
         np.ones(4), np.full(len(of.units) - 4, 1e-3)
     )
     whitened = found.root @ off
@@ -147,10 +189,10 @@ def test_stated_intrinsics_are_kept_as_far_as_they_are_known():
     of, _R, _t = images(8, u=0.0)
     assert not len(adjust(of, *first_poses(of)).unknowns)
     off = Lens(1280, 1024, 1428.0, 1431.0, 647.0, 507.0, "brown", BROWN.coefficients)
-    held = replace(of, lens=off, u_intrinsics=np.full(9, 1e-3))
+    held = replace(of, lenses=(off,), u_intrinsics=(np.full(9, 1e-3),))
     assert np.abs(adjust(held, *first_poses(held)).unknowns[:4]).max() < 0.1  # px
-    free = replace(of, lens=off, u_intrinsics=np.full(9, np.inf))
-    assert free.values(adjust(free, *first_poses(free)).unknowns)[0].fx == pytest.approx(1400.0, abs=15.0)
+    free = replace(of, lenses=(off,), u_intrinsics=(np.full(9, np.inf),))
+    assert free.values(adjust(free, *first_poses(free)).unknowns)[0][0].fx == pytest.approx(1400.0, abs=15.0)
 
 
 def test_images_from_the_front_show_no_focal_length():

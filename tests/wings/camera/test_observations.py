@@ -1,12 +1,13 @@
 """The table of pixels: back the same, and its faults by line and column."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from truearm.errors import InputError
-from truearm.wings.camera.observations import PixelObservations, check_size_is_known, read_pixels
+from truearm.wings.camera.observations import PixelObservations, camera_files, read_pixels
 
 TABLE = """reading,image,camera,board,corner,u_px,v_px
 1,a.png,camera,"charuco:8x11,15mm,11mm",0,100.5,200.25
@@ -46,7 +47,6 @@ def test_one_camera_and_one_board_need_no_columns(tmp_path):
         (",1,130.5", ",0,130.5", r"line 3, column 'corner': corner 0 stands twice in this image"),
         ("130.5", "1e9", r"line 3, column 'u_px': expected pixels from -30000 to 30000, got 1e\+09"),
         ("130.5", "nan", r"line 3, column 'u_px': expected a finite number"),
-        ("1,a.png,camera", "1,a.png,left", r"line 3, column 'camera': expected one camera an image, got a second one"),
     ],
 )
 def test_faults_are_named_by_line_and_column(old, new, problem, tmp_path):
@@ -68,13 +68,13 @@ def test_the_size_of_the_images_is_kept_and_is_needed_for_a_camera_file(tmp_path
     plain, sized, other = tmp_path / "plain.csv", tmp_path / "sized.csv", tmp_path / "other.csv"
     plain.write_text(TABLE)
     with pytest.raises(InputError, match="the size of the images is not stated"):
-        check_size_is_known(plain)
-    replace(read_pixels(plain), size_px=(1280, 1024)).save(sized)
-    check_size_is_known(sized)
+        camera_files(Path("camera.yaml"), [plain], {})
+    replace(read_pixels(plain), sizes_px={"camera": (1280, 1024)}).save(sized)
+    assert camera_files(Path("camera.yaml"), [sized], {}) == {"camera": Path("camera.yaml")}
     read = read_pixels(sized)
-    assert read.size_px == read.of_image("b.png").size_px == PixelObservations.joined([read]).size_px == (1280, 1024)
+    assert read.sizes_px == read.of_image("b.png").sizes_px == PixelObservations.joined([read]).sizes_px
     other.write_text(sized.read_text().replace(",1024\n3", ",1025\n3"))
-    with pytest.raises(InputError, match="column 'height_px': expected one size of all images, got 1025"):
+    with pytest.raises(InputError, match="column 'height_px': expected one size of all images of a camera, got 1025"):
         read_pixels(other)
     other.write_text(sized.read_text().replace("height_px", "note"))
     with pytest.raises(InputError, match="the column height_px is missing"):

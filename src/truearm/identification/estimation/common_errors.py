@@ -15,6 +15,8 @@ from truearm.identification.estimation.propagation import with_shared_error
 from truearm.identification.estimation.residual_variance import paule_mandel_variance
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reading_references import Referenced
+from truearm.identification.references.session_frames import in_one_frame, session_frame_terms
+from truearm.identification.references.tips import further_tip_terms, tip_names
 from truearm.identification.terms import constants
 from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.thermal import link_vectors
@@ -42,8 +44,10 @@ def settled_pose_errors(
     lever_mm, arm_std_mm : float
         Position error of the arm over the rotation error of its flange [mm/rad], and a coordinate of the former [mm].
     """
-    _, references, state, chain, tool, _ = Referenced.of(arm, readings, None, free)
-    found = identify(chain, state, [*constants(chain, free=free), *tool], references, robust=True)
+    in_frame, frames = in_one_frame(arm, readings, free)
+    session, references, state, chain, tool, _ = Referenced.of(arm, in_frame, None, free)
+    mounts = [*session_frame_terms(chain, frames), *further_tip_terms(chain, tip_names(session))]
+    found = identify(chain, state, [*constants(chain, free=free), *tool, *mounts], references, robust=True)
     part = next(part for part in found.references if part.kind == "pose")
     effective = sum(group.effective for group in found.groups) / 2
     of_position, of_rotation = (
@@ -84,20 +88,25 @@ class CommonErrors:
         return cls(x[own], of_data - with_arm @ slope.T, with_arm)
 
     def with_usual_size(
-        self, fit: IdentificationResult, *, unit: float, precision: float
+        self, fit: IdentificationResult, *, unit: float, precision: FloatArray
     ) -> tuple[Self, IdentificationResult]:
-        """These and the arm where the last error, the size of the reference, is no more certain than it can be.
+        """These and the arm where the sizes of the references, the last errors, are no more certain than they can be.
 
-        That is by what is stated of it, the `precision` in its `unit`, and by the lengths of usual arms, which differ
-        from nominal ones independently. What depends on it is as much less certain.
+        That is by what is stated of each, the `precision` in their `unit`, and by the lengths of usual arms, which
+        differ from nominal ones independently. A larger arm makes all of them larger. What depends on it is as much
+        less certain.
         """
-        chain, own = fit.perturbed_chain.chain, self.covariance[-1, -1]
+        chain = fit.perturbed_chain.chain
+        size = np.zeros(len(self.values))
+        size[-len(precision) :] = precision / precision.sum()
+        with_size = self.covariance @ size
+        own = size @ with_size
         lengths_mm = float(np.linalg.norm(link_vectors(chain)[1:-1]))  # between the joints
         of_lengths = LENGTH_STD_MM * relative_size(chain) / lengths_mm / unit
-        missing = 1 / (of_lengths**-2 + precision) - own
+        missing = 1 / (of_lengths**-2 + precision.sum()) - own
         if missing <= 0:
             return self, fit
-        along, of_arm = (part[-1] / own * np.sqrt(missing) for part in (self.covariance, self.with_arm))
+        along, of_arm = (part / own * np.sqrt(missing) for part in (with_size, size @ self.with_arm))
         more = np.outer(along, along), np.outer(along, of_arm)
         found = type(self)(self.values, self.covariance + more[0], self.with_arm + more[1])
         return found, with_shared_error(fit, of_arm)

@@ -200,17 +200,17 @@ class PerturbedChain:
 
         return self.chain.pose_jacobians(state.angles, derivatives)
 
-    def constant_motions(self, x: FloatArray) -> FloatArray:
-        """(n_places, 6) motions [rad, mm] by the constant terms, without the others."""
+    def constant_motions(self, x: FloatArray, *also: Basis) -> FloatArray:
+        """(n_places, 6) motions [rad, mm] by the constant terms, and terms with other bases, without the others."""
         motions = np.zeros((self.chain.n_places, 6))
         for term, columns in zip(self.terms, self.columns, strict=True):
-            if isinstance(term.basis, Constant):
+            if isinstance(term.basis, Constant) or term.basis in also:
                 motions[term.place] += x[columns[0]] * np.array(term.direction)
         return motions
 
-    def with_constants(self, x: FloatArray) -> Chain:
-        """The chain with the constant terms composed, without the others."""
-        return self.chain.with_motions(self.constant_motions(x))
+    def with_constants(self, x: FloatArray, *also: Basis) -> Chain:
+        """The chain with the constant terms composed, and those with other bases, without the others."""
+        return self.chain.with_motions(self.constant_motions(x, *also))
 
     def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""

@@ -193,6 +193,11 @@ class PreparedReadings:
         return len(self.state)
 
     @property
+    def days(self) -> tuple[str, ...]:
+        """Names of the sessions on days of their own: not those of several cameras, which are frames of one day."""
+        return () if any(one.kind == "pose" for one in self.references) else tuple(self.frames)
+
+    @property
     def has_point(self) -> BoolArray:
         """(n,) Whether each reading has a reference point."""
         return points_there(self.points, len(self))

@@ -302,7 +302,9 @@ def tool_terms(arm: Arm, readings: Session) -> list[Term]:
     turned = rows_with_orientation(readings.quaternion)
     if not len(turned):
         return []
-    bases: list[Basis] = [InSession(name) for name in _further(readings.session, turned)]
+    # Poses with errors of their own are of one day: their frames are those of cameras, before which no tool changes.
+    sessions = None if readings.pose_errors is not None else readings.session
+    bases: list[Basis] = [InSession(name) for name in _further(sessions, turned)]
     bases += [OfTip(name) for name in _further(readings.tip, turned)]
     whole = tool_rotation(arm.chain)
     return [*whole, *(replace(one, name=f"{one.name}, {basis}", basis=basis) for basis in bases for one in whole)]
@@ -316,8 +318,11 @@ def _further(names: NameArray | None, rows: IntArray) -> list[str]:
 def as_of_one_tool(arm: Arm, readings: Session, free: tuple[str, ...]) -> Session:
     """Readings with the orientations that the tool of the first of them would have, roughly, by the nominal arm.
 
-    A marker that is mounted again, in another session or on another tip, may be turned by any angle.
+    A marker that is mounted again, in another session or on another tip, may be turned by any angle. Poses with errors
+    of their own are those of one tool already.
     """
+    if readings.pose_errors is not None:
+        return readings
     turned = rows_with_orientation(readings.quaternion)
     names = [one[turned] for one in (readings.session, readings.tip) if one is not None]
     if not len(turned) or not names:

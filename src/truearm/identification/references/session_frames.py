@@ -106,6 +106,7 @@ def to_first_session_frame(readings: Session, frames: Frames) -> Session:
     if not frames:
         return readings
     points, std, quaternion = readings.points, readings.point_std, readings.quaternion
+    errors = readings.pose_errors
     for rows, T in _by_session(readings.session, frames):
         R = T[:3, :3]
         if points is not None:
@@ -119,7 +120,8 @@ def to_first_session_frame(readings: Session, frames: Frames) -> Session:
             turned = np.flatnonzero(rows & np.isfinite(quaternion).all(axis=1))
             orientation = Rotation.from_matrix(R) * Rotation.from_quat(quaternion[turned], scalar_first=True)
             quaternion[turned] = orientation.as_quat(scalar_first=True)
-    return replace(readings, points=points, point_std=std, quaternion=quaternion)
+        errors = None if errors is None else errors.turned(rows, R)
+    return replace(readings, points=points, point_std=std, quaternion=quaternion, pose_errors=errors)
 
 
 def points_to_session_frames(points: FloatArray, session: NameArray | None, frames: Frames) -> FloatArray:

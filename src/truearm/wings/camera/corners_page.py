@@ -53,7 +53,7 @@ def corners_page(
     summary = [LabelledValue("images with the board", len(found)), LabelledValue("corners", n_corners)]
     residuals: dict[str, FloatArray] = {}
     if adjusted is not None:
-        summary.append(LabelledValue("scatter of a coordinate", adjusted.std_px, "px"))
+        summary.append(LabelledValue("scatter of a coordinate", float(adjusted.std_px[0]), "px"))
         each = zip(found, adjusted.residuals, strict=True)
         residuals = {image.name: part[:, ~np.isnan(part[0])] for image, part in each}
     detail = f"{format_count(n_missed, 'image')} without: they are the first below." if n_missed else ""
@@ -62,7 +62,7 @@ def corners_page(
         subtitle="Corners of a board in the images of a camera, for the identification of an arm.",
         summary=tuple(summary),
         sections=(
-            _images(images, residuals, typical=1.0 if adjusted is None else adjusted.std_px),
+            _images(images, residuals, typical=1.0 if adjusted is None else float(adjusted.std_px[0])),
             _table(images, residuals, adjusted),
         ),
         facts=(

@@ -46,6 +46,8 @@ class CornersResult(Record):
         As stated.
     remarks : tuple of str
         What was assumed.
+    camera_name : str
+        In the table.
     """
 
     board: Board
@@ -53,6 +55,7 @@ class CornersResult(Record):
     size_px: tuple[int, int]
     camera: Lens | None
     remarks: tuple[str, ...]
+    camera_name: str = "camera"
 
     @cached_property
     def pixels(self) -> PixelObservations:
@@ -61,11 +64,11 @@ class CornersResult(Record):
             PixelObservations(
                 np.full(n, image.reading),
                 np.full(n, image.name),
-                np.full(n, "camera"),
+                np.full(n, self.camera_name),
                 np.full(n, self.board.name),
                 image.detection.corners,
                 image.detection.pixels,
-                size_px=self.size_px,
+                sizes_px={self.camera_name: self.size_px},
             )
             for image in self.images
             if (n := len(image.detection))
@@ -95,7 +98,7 @@ class CornersResult(Record):
         try:
             lens = self.camera or guess_lens(corners, pixels, self.size_px)
             u = np.full(len(lens.intrinsics), np.inf)
-            images = Images(corners, pixels, lens, u, self.board.u_scale)
+            images = Images.of_one(corners, pixels, lens, u, self.board.u_scale)
             return adjust(images, *first_poses(images))
         except InputError:
             return None
@@ -133,8 +136,8 @@ class CornersResult(Record):
         yield self.summary()
         if self.adjusted is not None:
             yield (
-                f"They scatter by {self.adjusted.std_px:.3f} px about the poses of the board that fit best; the noise "
-                f"of the images explains {self.u_px:.3f} px."
+                f"They scatter by {self.adjusted.std_px[0]:.3f} px about the poses of the board that fit best; the "
+                f"noise of the images explains {self.u_px:.3f} px."
             )
         else:
             yield f"By the noise of the images a coordinate has a standard uncertainty of {self.u_px:.3f} px."
@@ -160,7 +163,7 @@ class CornersResult(Record):
             "size_px": self.size_px,
             "n": len(self.pixels),
             **self._named("n_found", "u_px", "remarks"),
-            "std_px": None if self.adjusted is None else self.adjusted.std_px,
+            "std_px": None if self.adjusted is None else float(self.adjusted.std_px[0]),
             "images": [
                 {
                     "reading": image.reading,
@@ -179,6 +182,7 @@ def find_corners(
     *,
     board: str | Board,
     camera: str | Path | Lens | None = None,
+    camera_name: str = "camera",
     progress: Callable[[int, str], None] | None = None,
 ) -> CornersResult:
     """Find the corners of a board in the images that belong to the readings of an arm.
@@ -194,6 +198,8 @@ def find_corners(
         Its text, as ``charuco:8x11,15mm,11mm``; see `draw_board`.
     camera : path, optional
         The camera's intrinsics (camera_info of ROS, .yaml); they are not needed to find corners, and checked.
+    camera_name : str
+        What the table calls the camera, where there are several.
     progress : callable, optional
         Called with the number of images that are done and a note.
 
@@ -253,7 +259,7 @@ def find_corners(
     if (n := sum(len(one.detection) > 0 for one in seen)) < MIN_ROWS:
         why = next((f": {one.name}, {one.detection.problem}" for one in seen if one.detection.problem), "")
         raise InputError(f"{number_of(n, 'image')} of {len(seen)} show board {board.name}, expected {MIN_ROWS}{why}")
-    return CornersResult(board, tuple(seen), size, lens, tuple(remarks))
+    return CornersResult(board, tuple(seen), size, lens, tuple(remarks), camera_name)
 
 
 def _reduced(image: Image, k: int) -> Image:

@@ -1,11 +1,11 @@
-"""Fit images: an arm, the camera and the board from the corners that images show beside the joints."""
+"""Fit images: an arm, cameras and boards from the corners that images show beside the joints."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -15,39 +15,34 @@ from truearm.arm.rigid_motions import cross_matrix
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.findings import Finding, in_order
+from truearm.findings import Finding, format_mm, in_order
 from truearm.identification.estimation.common_errors import CommonErrors
-from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.models.identified_model import IdentifiedModel, require_identified
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
-from truearm.verbs.fit import fit
+from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_session
 from truearm.verbs.record import TextTable, format_fixed, number_of
-from truearm.wings.camera.boards import Board, parse_board
+from truearm.wings.camera.cell_images import BoardLike, CameraLike, CellImages, PixelsLike
+from truearm.wings.camera.cell_poses import CellPoses
 from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
 from truearm.wings.camera.hand_eye import HandEyeResult
-from truearm.wings.camera.image_poses import ImagePoses
 from truearm.wings.camera.images import (
     GROSS_STDS,
     LEAST_CORNERS,
     LEAST_GROSS_PX,
+    PER_MILLE,
     Adjustment,
     Images,
     adjust,
     first_poses,
-    guess_lens,
 )
 from truearm.wings.camera.interpretation import OF_IMAGES, Interpretation, interpret
 from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera
-from truearm.wings.camera.mounts import Transform, of_model
-from truearm.wings.camera.observations import PixelObservations, read_pixels
+from truearm.wings.camera.mounts import Transform, where_it_is_carried, where_it_stands
 from truearm.wings.camera.pose_files import Poses
-
-BoardLike: TypeAlias = Board | str
-CameraLike: TypeAlias = Lens | str | Path
-PixelsLike: TypeAlias = PixelObservations | str | Path
 
 # Intrinsics that are kept are contradicted, or doubted, from so many standard uncertainties and this share of the focal
 # length on: that is by how much distances from the camera are wrong.
@@ -63,20 +58,20 @@ OFTEN = 0.5
 def fit_images(
     arm: ArmLike,
     session: SessionLike,
-    pixels: PixelsLike,
+    pixels: PixelsLike | Sequence[PixelsLike],
     *,
-    board: BoardLike,
-    camera: CameraLike | None = None,
+    board: BoardLike | Mapping[str, BoardLike],
+    camera: CameraLike | Mapping[str, CameraLike] | None = None,
     u_camera_px: float | None = None,
-    eye_in_hand: bool = False,
+    eye_in_hand: bool | Sequence[str] = False,
     model: ModelName = "auto",
     lengths: LengthsLike | None = None,
     accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> ImageFit:
-    """Identify an arm, its camera and the board from the corners that images show.
+    """Identify an arm, its cameras and the boards from the corners that images show.
 
-    Pixels are one more kind of reference: arm, poses of camera and board, intrinsics and the size of the board are
+    Pixels are one more kind of reference: arm, poses of cameras and boards, intrinsics and the sizes of the boards are
     estimated together, each as far as the pixels, what is stated and the joints determine it.
 
     Parameters
@@ -85,17 +80,20 @@ def fit_images(
         The nominal arm.
     session : Session, DataFrame, str or Path
         Joints of every reading; seats beside them are used too.
-    pixels : PixelObservations, str or Path
+    pixels : PixelObservations, str or Path, or several
         Corners in the images, with the number of the reading of each (docs/camera.md).
-    board : Board or str
+    board : Board or str, or mapping
         Such as ``charuco:12x9,20mm,15mm``; ``u=0.05%`` behind it states the uncertainty of its size, 0.2 % by default.
-    camera : Lens, str or Path, optional
-        The camera's intrinsics: ROS's camera_info. Without it they are found from the images.
+        Of several boards each by its name in the table of pixels.
+    camera : Lens, str or Path, or mapping, optional
+        The camera's intrinsics: ROS's camera_info; of several cameras each by its name. Without them they are found
+        from the images.
     u_camera_px : float, optional
-        Standard uncertainty of the stated focal lengths and centre [px]; 0 keeps all intrinsics as they are stated. By
+        Standard uncertainty of the stated focal lengths and centres [px]; 0 keeps all intrinsics as they are stated. By
         default they are free.
-    eye_in_hand : bool
-        The camera is on the flange and the board stands. By default the camera stands and the board is on the flange.
+    eye_in_hand : bool or several str
+        The cameras are on the flange and the boards stand; or the names of those that are on the flange. By default
+        cameras stand and boards are on the flange.
     model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
         As of `fit`: one that identifies the arm.
     lengths : Lengths, str or Path, optional
@@ -112,9 +110,10 @@ def fit_images(
     Raises
     ------
     InputError
-        If pixels are of readings or corners that there are not, or fewer than four images show the board.
+        If pixels are of readings, corners, boards or cameras that there are not, or fewer than four images show a board
+        to a camera.
     Contradiction
-        If robot and camera turn differently, the camera is elsewhere, or the images contradict the stated camera.
+        If robot and camera turn differently, a camera is elsewhere, or the images contradict a stated camera.
 
     Examples
     --------
@@ -132,20 +131,8 @@ def fit_images(
     if u_camera_px is not None and not 0 <= u_camera_px < np.inf:
         raise InputError(f"expected u_camera_px of 0 or more, got {u_camera_px}")
     known_lengths = read_lengths(lengths) if isinstance(lengths, str | Path) else lengths
-    seen = read_pixels(pixels) if isinstance(pixels, str | Path) else pixels
-    of_board = parse_board(board) if isinstance(board, str) else board
-    lens = read_camera(camera) if isinstance(camera, str | Path) else camera
-    rows, images, findings = images_of(seen, len(readings), of_board, lens, u_camera_px)
-    called = _names_of(seen, readings, rows)
-    adjusted, images, found = _adjusted(images, called)
-    findings += found
-    if lens is not None:
-        findings += _camera_findings(images, adjusted)
-    depth = float(np.round(np.median(adjusted.t[:, 2]))) if eye_in_hand else 0.0
-    poses = ImagePoses(
-        readings=readings, rows=rows, images=images, adjusted=adjusted, is_in_hand=eye_in_hand, depth_mm=depth
-    )
-    placed = _Placed.of(known, poses, called)
+    cell = CellImages.of(readings, pixels, board, camera, u_camera_px, eye_in_hand)
+    placed = _Placed.of(known, cell)
     free = ("base", "tip")
     try:
         settled = placed.poses.settled(placed.arm, free)
@@ -154,31 +141,41 @@ def fit_images(
         )
     except InputError as error:
         raise placed.contradiction or error from None
+    return _fitted(cell, placed, settled, result, known_lengths)
+
+
+def _fitted(
+    cell: CellImages, placed: _Placed, settled: CellPoses, result: FitResult, lengths: Lengths | None
+) -> ImageFit:
+    """Cameras and boards by the identified arm."""
     identified = require_identified(result.model, "images need an identified arm", hint="--model kinematic")
-    common = _with_size(identified, settled, result.session, known_lengths)
-    values, covariance = settled.adjusted.unknowns + common.values, common.covariance
-    of_camera, of_middle = (
-        replace(one, covariance=identified.birge_ratio_**2 * one.covariance)
-        for one in of_model(identified, eye_in_hand=eye_in_hand, centre=settled.centre)
-    )
-    of_the_board = _moved(of_middle, -settled.images.values(values)[1] * of_board.points.mean(axis=0))
-    names = [Finding("hand-eye", one) for one in placed.sentences]
-    if settled.images.free[-1]:
-        scale, u = settled.images.values(values)[1], float(np.sqrt(covariance[-1, -1]) * settled.images.units[-1])
-        findings += _size_findings(scale, u)
+    common = _with_sizes(identified, settled, result.session, lengths)
+    values, images = settled.adjusted.unknowns + common.values, settled.images
+    scales, u_scales = images.values(values)[1], images.u_of(common.covariance)[-len(images.boards) :]
+    where = {}
+    for name in (*images.cameras, *images.boards):
+        own = settled.T_child_tip.get(name)
+        one = where_it_stands(identified, name) if own is None else where_it_is_carried(identified, name, own)
+        where[name] = replace(one, covariance=identified.birge_ratio_**2 * one.covariance)
+    middles = zip(images.boards, scales, cell.middles, strict=True)
+    where |= {name: _moved(where[name], -scale * middle) for name, scale, middle in middles}
+    cameras, boards = (tuple(where[name] for name in names) for names in (images.cameras, images.boards))
+    findings = [*cell.findings, *placed.findings, *_size_findings(images, scales, u_scales), *result.findings]
     return ImageFit(
-        camera=of_camera,
-        board=of_the_board,
-        eye_in_hand=eye_in_hand,
-        n_images=len(np.unique(seen.image)),
-        n_used=len(settled.rows),
+        camera=cameras[0],
+        board=boards[0],
+        eye_in_hand=bool(cell.in_hand.all()),
+        n_images=cell.n_images,
+        n_used=settled.n_images,
         turn_deg=placed.turn_deg,
         alone_mm=placed.alone_mm,
         fitted=result,
-        findings=in_order((*findings, *names, *result.findings)),
+        findings=in_order(findings),
         poses=settled,
         unknowns=values,
-        unknowns_covariance=covariance,
+        unknowns_covariance=common.covariance,
+        cameras=cameras,
+        boards=boards,
     )
 
 
@@ -191,113 +188,33 @@ def _moved(one: Transform, origin: FloatArray) -> Transform:
     return replace(one, T_parent_child=T, covariance=by @ one.covariance @ by.T)
 
 
-def images_of(
-    seen: PixelObservations, n_readings: int, board: Board, lens: Lens | None, u_camera_px: float | None
-) -> tuple[Any, Images, list[Finding]]:
-    """The rows (m,) of the readings with images that show the board, these images, and what is to be said of others.
-
-    Raises
-    ------
-    InputError
-        If there are several cameras, boards or images of a reading, or too few images.
-    """
-    seen.check_readings(n_readings)
-    for name in ("camera", "board"):
-        if len(names := np.unique(getattr(seen, name))) > 1:
-            raise InputError(
-                f"expected the pixels of one {name}, got {len(names)} ({', '.join(names[:3].tolist())})",
-                file=seen.file,
-                column=name,
-                hint=f"fit the images of one {name} at a time",
-            )
-    _check_board_of(seen, board)
-    if lens is not None and seen.size_px is not None and seen.size_px != (lens.width, lens.height):
-        raise InputError(
-            f"the images are {seen.size_px[0]} x {seen.size_px[1]} px, the camera's file is of {lens.width} x "
-            f"{lens.height} px",
-            file=seen.file,
-            hint="the intrinsics of this resolution, or none: they are found with the arm",
-        )
-    image = np.unique(seen.image, return_inverse=True)[1]
-    of_reading = np.unique(np.stack([seen.reading, image]), axis=1)[0]
-    if len(twice := of_reading[1:][np.diff(of_reading) == 0]):
-        raise InputError(
-            f"expected one image a reading, got several of reading {twice[0]}", file=seen.file, column="image"
-        )
-    board.points_of(seen.corner)  # which refuses corners that it has not
-    order = np.argsort(board.corners)
-    where = order[np.searchsorted(board.corners, seen.corner, sorter=order)]
-    pixels = np.full((len(of_reading), 2, len(board)), np.nan)
-    pixels[np.searchsorted(of_reading, seen.reading), :, where] = seen.pixels
-    shows = (~np.isnan(pixels[:, 0])).sum(axis=1) >= LEAST_CORNERS
-    if shows.sum() < MIN_ROWS:
-        raise InputError(f"expected {MIN_ROWS} or more images that show the board, got {shows.sum()}", file=seen.file)
-    findings = []
-    if n := int((~shows).sum()):
-        said = f"{number_of(n, 'image')} of {len(shows)} show fewer than {LEAST_CORNERS} corners of the board; ignored."
-        findings.append(Finding("hand-eye", said, {"n": n}))
-    corners = board.points - board.points.mean(axis=0)
-    if lens is None:
-        if not board.is_flat:
-            raise InputError("a board that is not flat needs the camera's intrinsics", hint="state the camera's file")
-        size = seen.size_px or (np.ceil(np.nanmax(pixels, axis=(0, 2))).astype(int) + 1).tolist()
-        lens = guess_lens(corners, pixels[shows], size)
-    u = np.full(len(lens.intrinsics), np.inf if u_camera_px is None else u_camera_px)
-    if u_camera_px:
-        u[4:] = np.inf
-    return of_reading[shows] - 1, Images(corners, pixels[shows], lens, u, board.u_scale), findings
-
-
-def _check_board_of(seen: PixelObservations, board: Board) -> None:
-    """Refuse pixels of a board of another kind or number of squares; its lengths may have been measured since."""
-    try:
-        other = parse_board(str(seen.board[0]), folder=seen.file.parent if seen.file else ".")
-    except InputError:
-        return  # a name of another detector
-    if (other.kind, other.across, other.down) != (board.kind, board.across, board.down):
-        raise InputError(
-            f"the corners are those of board {other.name}, not of {board.name}",
-            file=seen.file,
-            column="board",
-            hint=f"--board {other.name}, or the pixels of the other board",
-        )
-
-
-def _names_of(seen: PixelObservations, readings: Session, rows: IntArray) -> Callable[[int], str]:
-    """What a message calls an image by its place in `rows`: ``image_05.png (line 6)``."""
-    names = dict(zip(seen.reading.tolist(), seen.image.tolist(), strict=True))
-
-    def called(place: int) -> str:
-        row = int(rows[place])
-        name, reading = names[row + 1], readings.called(row)
-        return reading if name == f"reading {row + 1}" else f"{name} ({reading})"
-
-    return called
-
-
-def _adjusted(images: Images, called: Callable[[int], str]) -> tuple[Adjustment, Images, list[Finding]]:
-    """Poses and camera by the pixels, without gross errors of corners."""
+def _adjusted(cell: CellImages) -> tuple[Adjustment, Images, list[Finding]]:
+    """Poses and cameras by the pixels, without gross errors of corners; and what contradicts what is stated."""
+    images = cell.images
     adjusted = adjust(images, *first_poses(images))
-    off = np.linalg.norm(np.nan_to_num(adjusted.residuals), axis=1) > max(GROSS_STDS * adjusted.std_px, LEAST_GROSS_PX)
+    limit = np.maximum(GROSS_STDS * adjusted.std_px, LEAST_GROSS_PX)[images.camera]
+    off = np.linalg.norm(np.nan_to_num(adjusted.residuals), axis=1) > limit[:, None]
     off &= ((images.seen & ~off).sum(axis=1) >= LEAST_CORNERS)[:, None]
-    if not off.any():
-        return adjusted, images, []
-    findings = [_said_of_corners(called, images, adjusted, off)]
-    images = replace(images, pixels=np.where(off[:, None], np.nan, images.pixels))
-    return adjust(images, adjusted.R, adjusted.t, adjusted.unknowns), images, findings
+    findings = []
+    if off.any():
+        findings.append(_said_of_corners(cell.called, images, adjusted, off, limit))
+        images = replace(images, pixels=np.where(off[:, None], np.nan, images.pixels))
+        adjusted = adjust(images, adjusted.R, adjusted.t, adjusted.unknowns)
+    return adjusted, images, findings + _camera_findings(images, adjusted)
 
 
-def _said_of_corners(called: Callable[[int], str], images: Images, adjusted: Adjustment, off: BoolArray) -> Finding:
+def _said_of_corners(
+    called: Callable[[int], str], images: Images, adjusted: Adjustment, off: BoolArray, limit: FloatArray
+) -> Finding:
     """Which corners are gross errors; those that are another one are exchanged."""
     of_image = np.flatnonzero(off.any(axis=1))
-    limit = max(GROSS_STDS * adjusted.std_px, LEAST_GROSS_PX)
     exchanged: dict[tuple[int, int], int] = {}
     for i in of_image:
         wrong = np.flatnonzero(off[i])
         predicted = images.pixels[i] + adjusted.residuals[i]
         apart = np.linalg.norm(images.pixels[i][:, wrong, None] - predicted[:, None, wrong], axis=0)
-        for a, b in np.argwhere(apart <= 3 * limit):
-            if a < b and apart[b, a] <= 3 * limit:
+        for a, b in np.argwhere(apart <= 3 * limit[i]):
+            if a < b and apart[b, a] <= 3 * limit[i]:
                 pair = int(wrong[a]), int(wrong[b])
                 exchanged[pair] = exchanged.get(pair, 0) + 1
     n, listed = int(off.sum()), [f"{int(off[i].sum())} of {called(int(i))}" for i in of_image[:4]]
@@ -307,100 +224,176 @@ def _said_of_corners(called: Callable[[int], str], images: Images, adjusted: Adj
     pairs = [f"{a} and {b}" for a, b in list(exchanged)[:4]]
     if pairs:
         said += f" Corners {', '.join(pairs)} are exchanged."
-    often = np.flatnonzero(off.sum(axis=0) > OFTEN * np.maximum(images.seen.sum(axis=0), 1))
-    if len(often) and not pairs:
-        said += f" Corners {', '.join(map(str, often[:6].tolist()))} are so in most images: is it this board?"
+    for b, name in enumerate(images.boards):
+        own = images.board == b
+        often = np.flatnonzero(off[own].sum(axis=0) > OFTEN * np.maximum(images.seen[own].sum(axis=0), 1))
+        if len(often) and not pairs:
+            which = f"board {name}" if len(images.boards) > 1 else "this board"
+            said += f" Corners {', '.join(map(str, often[:6].tolist()))} are so in most images: is it {which}?"
     return Finding("hand-eye", said, {"n": n, "n_images": len(of_image)})
 
 
 def _camera_findings(images: Images, adjusted: Adjustment) -> list[Finding]:
-    """Whether the images contradict what is stated of the camera.
+    """Whether the images contradict what is stated of the cameras.
 
     Raises
     ------
     Contradiction
         If they do, and the intrinsics are kept.
     """
-    n = len(images.u_intrinsics)
-    if not np.isfinite(images.u_intrinsics[:4]).all():
+    stated = [bool(np.isfinite(u[:4]).all()) for u in images.u_intrinsics]
+    if not any(stated):
         return []
-    bare = replace(images, u_intrinsics=np.full(n, np.inf), u_scale=0.0)
+    unknown = tuple(np.full_like(u, np.inf) for u in images.u_intrinsics)
+    bare = replace(images, u_intrinsics=unknown, u_scale=0.0 * images.u_scale)
     free = adjust(bare, adjusted.R, adjusted.t)
-    change, u = free.unknowns[:4], free.u_unknowns[:4]
-    worst = int(np.argmax(np.abs(change) / np.hypot(u, images.u_intrinsics[:4])))
-    sure = abs(change[worst]) / np.hypot(u[worst], images.u_intrinsics[worst])
-    if sure < DOUBTED:
-        return []
-    name, stated = images.lens.names[worst], float(images.lens.intrinsics[worst])
-    share = float(change[worst] / images.lens.fx)
-    said = (
-        f"the images contradict the stated camera: {name} is {stated + change[worst]:.1f} px (u {u[worst]:.1f}) by "
-        f"them, stated {stated:.1f} px ({100 * share:+.2g} % of the focal length)"
-    )
-    if not images.u_intrinsics[worst] and sure > CONTRADICTED and abs(share) > LEAST_SHARE:
-        contradict(InputError(said, hint="let truearm find the intrinsics (omit --u-camera), or calibrate the camera"))
-    numbers = {"change_px": float(change[worst]), "u_px": float(u[worst])}
-    return [Finding("hand-eye", f"{said[0].upper()}{said[1:]}.", numbers)]
+    several = len(images.cameras) > 1
+    findings = []
+    for name, lens, u_stated, own, is_stated in zip(
+        images.cameras, images.lenses, images.u_intrinsics, images.intrinsics, stated, strict=True
+    ):
+        change, u = free.unknowns[own][:4], free.u_unknowns[own][:4]
+        worst = int(np.argmax(np.abs(change) / np.hypot(u, u_stated[:4])))
+        sure = abs(change[worst]) / np.hypot(u[worst], u_stated[worst])
+        if not is_stated or sure < DOUBTED:
+            continue
+        value, share = float(lens.intrinsics[worst]), float(change[worst] / lens.fx)
+        said = (
+            f"the images contradict the stated camera{f' {name}' if several else ''}: {lens.names[worst]} is "
+            f"{value + change[worst]:.1f} px (u {u[worst]:.1f}) by them, stated {value:.1f} px ({100 * share:+.2g} % "
+            "of the focal length)"
+        )
+        if not u_stated[worst] and sure > CONTRADICTED and abs(share) > LEAST_SHARE:
+            contradict(
+                InputError(said, hint="let truearm find the intrinsics (omit --u-camera), or calibrate the camera")
+            )
+        numbers = {"change_px": float(change[worst]), "u_px": float(u[worst])}
+        findings.append(Finding("hand-eye", f"{said[0].upper()}{said[1:]}.", numbers))
+    return findings
 
 
-def _size_findings(scale: float, u: float) -> Iterator[Finding]:
-    """That the board has another size than stated."""
-    if abs(scale - 1) > max(SAID_SIZE * u, LEAST_SIZE):
-        said = f"By the arm's lengths the board is {scale:.5f} (u {u:.2g}) times its stated size: measure it."
-        yield Finding("hand-eye", said, {"size": scale, "u": u})
+def _size_findings(images: Images, scales: FloatArray, u_scales: FloatArray) -> Iterator[Finding]:
+    """That a board has another size than stated."""
+    for name, scale, u in zip(images.boards, scales.tolist(), u_scales.tolist(), strict=True):
+        if u and abs(scale - 1) > max(SAID_SIZE * u, LEAST_SIZE):
+            board = f"board {name}" if len(images.boards) > 1 else "the board"
+            said = f"By the arm's lengths {board} is {scale:.5f} (u {u:.2g}) times its stated size: measure it."
+            yield Finding("hand-eye", said, {"size": scale, "u": u})
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """A camera and a board that it sees: the images that belong to their poses, and where both are."""
+
+    carried: str
+    standing: str
+    rows: IntArray
+    T_flange_carried: FloatArray
+    held_out_mm: FloatArray
+    turn_deg: float
+    sentences: tuple[str, ...]
+    contradiction: InputError | None
+
+    @classmethod
+    def of(
+        cls,
+        names: tuple[str, str],
+        rows: IntArray,
+        flange: FloatArray,
+        seen: FloatArray,
+        in_hand: bool,
+        called: Callable[[int], str],
+    ) -> _Pair:
+        """By the poses (n, 4, 4) of the flange in the base, and of the board in the camera."""
+        found: Interpretation | None = None
+        contradiction = None
+        try:
+            found = interpret(
+                Poses.of_motions(flange, "mm"),
+                Poses.of_motions(seen, "mm"),
+                eye_in_hand=in_hand,
+                called=lambda i: called(int(rows[i])),
+                remedies=OF_IMAGES,
+            )
+        except InputError as error:
+            contradiction = error
+        if found is None:
+            A = inverse(flange) if in_hand else flange
+            start, turn, sentences = closed_form(A, seen, sized=False), float("nan"), tuple[str, ...]()
+        else:
+            A, seen, start, turn, sentences = found.A, found.C, found.start, found.turn_deg, found.sentences
+            rows = rows[found.rows]
+        alone = refined(A, seen, start)
+        T = inverse(alone.X) if in_hand else alone.Y
+        return cls(*names, rows, T, alone.held_out_mm, turn, sentences, contradiction)
 
 
 @dataclass(frozen=True, eq=False)
 class _Placed:
-    """Images that belong to their poses, and the nominal arm with its tip: the board, or the point before the camera.
+    """Images that belong to their poses, and the nominal arm with its tip on the flange, see `CellPoses`.
 
     `contradiction` is what robot and camera contradict each other by, if they do: an arm with large joint offsets
     does so, and is right.
     """
 
     arm: Arm
-    poses: ImagePoses
-    sentences: tuple[str, ...]
+    poses: CellPoses
+    findings: tuple[Finding, ...]
     turn_deg: float
     alone_mm: float
     contradiction: InputError | None
 
     @classmethod
-    def of(cls, arm: Arm, poses: ImagePoses, called: Callable[[int], str]) -> _Placed:
-        pose = arm.chain.with_tip(np.zeros(3)).pose(poses.readings.angles[poses.rows])
+    def of(cls, arm: Arm, cell: CellImages) -> _Placed:
+        adjusted, images, findings = _adjusted(cell)
+        poses = CellPoses(
+            readings=cell.readings,
+            rows=cell.rows,
+            images=images,
+            adjusted=adjusted,
+            in_hand=cell.in_hand,
+            T_child_tip={},
+        )
+        pose = arm.chain.with_tip(np.zeros(3)).pose(cell.readings.angles[cell.rows])
         flange, seen = motion(pose.R_base_tip, pose.tip_in_base), poses.T_camera_board
-        found: Interpretation | None = None
-        contradiction = None
-        try:
-            found = interpret(
-                _stated_in_mm(flange),
-                _stated_in_mm(seen),
-                eye_in_hand=poses.is_in_hand,
-                called=called,
-                remedies=OF_IMAGES,
-            )
-        except InputError as error:
-            contradiction = error
-        if found is None:
-            A = inverse(flange) if poses.is_in_hand else flange
-            start = closed_form(A, seen, sized=False)
-            turn, sentences = float("nan"), tuple[str, ...]()
-        else:
-            A, seen, start, turn, sentences = found.A, found.C, found.start, found.turn_deg, found.sentences
-            poses = poses.select(found.rows)
-        alone = refined(A, seen, start)
-        X, Y = alone.X, alone.Y
-        tip = inverse(X) @ np.append(poses.centre, 1.0) if poses.is_in_hand else Y[:, 3]
-        equipped = replace(arm, chain=arm.chain.with_tip(tip[:3]))
-        return cls(equipped, poses, sentences, turn, float(alone.held_out_mm.mean()), contradiction)
+        pairs = []
+        for carried, standing, own in poses.pairs():
+            rows = np.flatnonzero(own)
+            in_hand = bool(cell.in_hand[images.camera[rows[0]]])
+            pairs.append(_Pair.of((carried, standing), rows, flange[rows], seen[rows], in_hand, cell.called))
+        T_child_tip, tip = _tips(poses, pairs)
+        poses = replace(poses, T_child_tip=T_child_tip).named().select(np.sort(np.concatenate([p.rows for p in pairs])))
+        return cls(
+            replace(arm, chain=arm.chain.with_tip(tip)),
+            poses,
+            (*findings, *(Finding("hand-eye", said) for pair in pairs for said in pair.sentences)),
+            float(np.sqrt(np.mean([pair.turn_deg**2 for pair in pairs]))),
+            float(np.concatenate([pair.held_out_mm for pair in pairs]).mean()),
+            next((pair.contradiction for pair in pairs if pair.contradiction), None),
+        )
 
 
-def _stated_in_mm(T: FloatArray) -> Poses:
-    return Poses.of_motions(T, "mm")
+def _tips(poses: CellPoses, pairs: Sequence[_Pair]) -> tuple[dict[str, FloatArray], FloatArray]:
+    """The tip in the frames of all that the flange carries, and on the nominal flange (3,) [mm], see `CellPoses`."""
+    best = {pair.carried: pair for pair in sorted(pairs, key=lambda pair: len(pair.rows))}
+    T = {name: best[name].T_flange_carried for name in dict.fromkeys(poses.carried)}
+    centres = {}
+    for name in T:
+        depths = poses.adjusted.t[np.array(poses.carried) == name, 2]
+        centres[name] = np.array(
+            [0.0, 0.0, float(np.round(np.median(depths))) if name in poses.images.cameras else 0.0]
+        )
+    tip = np.mean([T[name][:3, :3] @ centre + T[name][:3, 3] for name, centre in centres.items()], axis=0)
+    first = next(iter(T.values()))
+    found = {}
+    for name, one in T.items():
+        centre = centres[name] if len(T) == 1 else one[:3, :3].T @ (tip - one[:3, 3])
+        found[name] = motion(np.eye(3) if one is first else one[:3, :3].T @ first[:3, :3], centre)
+    return found, tip
 
 
-def _with_size(model: IdentifiedModel, poses: ImagePoses, session: Session, lengths: Lengths | None) -> CommonErrors:
-    """Camera and board by images and arm; the model's uncertainty is completed.
+def _with_sizes(model: IdentifiedModel, poses: CellPoses, session: Session, lengths: Lengths | None) -> CommonErrors:
+    """Cameras and boards by images and arm; the model's uncertainty is completed.
 
     A board that is larger on a larger arm looks the same: only what is expected of the arm's lengths, and what is
     stated of the board, tells the size of both. The evidence of few readings may expect these lengths to be better
@@ -410,75 +403,105 @@ def _with_size(model: IdentifiedModel, poses: ImagePoses, session: Session, leng
     assert isinstance(prepared, PreparedReadings)
     found = CommonErrors.of(model.fit_, prepared)
     found = replace(found, covariance=model.birge_ratio_**2 * found.covariance)
-    if poses.images.free[-1] and prepared.lengths is None:
-        of_size = {"unit": float(poses.images.units[-1]), "precision": float(poses.images.precision[-1])}
-        found, model.fit_ = found.with_usual_size(model.fit_, **of_size)
+    n = int((poses.images.u_scale > 0).sum())
+    if n == len(poses.images.boards) and prepared.lengths is None:
+        of_sizes = poses.images.precision[-n:]
+        found, model.fit_ = found.with_usual_size(model.fit_, unit=PER_MILLE, precision=of_sizes)
     return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImageFit(HandEyeResult):
-    """Where the camera and the board are, the camera's intrinsics and the identified arm.
+    """Where cameras and boards are, the cameras' intrinsics and the identified arm.
 
     Attributes
     ----------
-    poses : ImagePoses
-        The images that were used, with the poses of the board.
+    cameras, boards : tuple of Transform
+        All of them, each in the base or the flange; `camera` and `board` are the first.
+    poses : CellPoses
+        The images that were used, with the poses of the boards.
     unknowns, unknowns_covariance : (a,), (a, a) array
-        Changes of the stated intrinsics and of the board's size, in the units that `poses.images.names` states.
+        Changes of the stated intrinsics and of the boards' sizes, in the units that `poses.images.names` states.
     """
 
-    poses: ImagePoses
+    poses: CellPoses
     unknowns: FloatArray
     unknowns_covariance: FloatArray
+    cameras: tuple[Transform, ...]
+    boards: tuple[Transform, ...]
 
     @property
-    def lens(self) -> Lens:
-        """The camera with the intrinsics found."""
+    def transforms(self) -> tuple[Transform, ...]:
+        """Cameras and boards, and all the other way round."""
+        both = (*self.cameras, *self.boards)
+        return (*both, *(one.inverted() for one in both))
+
+    @property
+    def lenses(self) -> tuple[Lens, ...]:
+        """The cameras with the intrinsics found."""
         return self.poses.images.values(self.unknowns)[0]
 
     @property
-    def board_scale(self) -> float:
-        """True size of the board over the stated one."""
+    def board_scales(self) -> FloatArray:
+        """(b,) true sizes of the boards over the stated ones."""
         return self.poses.images.values(self.unknowns)[1]
 
     @property
     def u_intrinsics(self) -> FloatArray:
-        """(p + 1,) standard uncertainties of the intrinsics, and last of the board's size."""
-        u = np.zeros(len(self.poses.images.free))
-        u[self.poses.images.free] = np.sqrt(np.diag(self.unknowns_covariance)) * self.poses.images.units
-        return u
+        """(n,) standard uncertainties of the intrinsics of all cameras, and last of the sizes of the boards."""
+        return self.poses.images.u_of(self.unknowns_covariance)
 
-    def save_camera(self, path: str | Path) -> None:
-        """Write the intrinsics found as a file of ROS's camera_info."""
-        u = ", ".join(f"{name} {value:.2g}" for name, value in zip(self.lens.names, self.u_intrinsics, strict=False))
-        with atomic_file(path, read=read_camera) as part:
-            part.write_text(camera_yaml(self.lens, notes=(f"u: {u}",)), encoding="utf-8")
+    def save_cameras(self, paths: Mapping[str, Path]) -> None:
+        """Write the intrinsics of every camera as a file of ROS's camera_info, by its name."""
+        images = self.poses.images
+        for name, lens, own in zip(images.cameras, self.lenses, images.intrinsics, strict=True):
+            u = ", ".join(f"{of} {value:.2g}" for of, value in zip(lens.names, self.u_intrinsics[own], strict=True))
+            with atomic_file(paths[name], read=read_camera) as part:
+                part.write_text(camera_yaml(lens, notes=(f"u: {u}",)), encoding="utf-8")
+
+    def summary(self) -> str:
+        """The answer in one sentence."""
+        if len(self.cameras) == 1:
+            return super().summary()
+        known = [f"camera {one.child} in the {one.parent} is known to {format_mm(one.U_mm)} and {one.U_deg:.2g} deg"
+                 for one in self.cameras]  # fmt: skip
+        return f"{', '.join(known).capitalize()} (U, k = 2), from {number_of(self.n_used, 'image')}."
 
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
         yield from super().blocks()
-        n, std_px = int(self.poses.images.seen.sum()), self.poses.adjusted.std_px
-        yield f"{number_of(n, 'corner')} scatter by {std_px:.2g} px a coordinate about the poses of their images."
-        yield TextTable(("of the camera and the board", "value", "u"), self._rows())
+        images, stds = self.poses.images, self.poses.adjusted.std_px
+        for k, (name, std_px) in enumerate(zip(images.cameras, stds.tolist(), strict=True)):
+            n = number_of(int(images.seen[images.camera == k].sum()), "corner")
+            by = f" of camera {name}" if len(stds) > 1 else ""
+            yield f"{n}{by} scatter by {std_px:.2g} px a coordinate about the poses of their images."
+        heading = "cameras and the boards" if len(images.cameras) + len(images.boards) > 2 else "camera and the board"
+        yield TextTable((f"of the {heading}", "value", "u"), self._rows())
 
     def _rows(self) -> Sequence[Sequence[str]]:
         rows = []
-        names, values = [*self.lens.names, "size of the board"], [*self.lens.intrinsics, self.board_scale]
-        for name, value, u in zip(names, values, self.u_intrinsics, strict=True):
+        values = np.concatenate([*(lens.intrinsics for lens in self.lenses), self.board_scales])
+        for name, value, u in zip(self.poses.images.labels, values.tolist(), self.u_intrinsics.tolist(), strict=True):
             digits = max(0, 1 - int(np.floor(np.log10(u)))) if u > 0 else 0
             shown = (format_fixed(value, digits), format_fixed(u, digits)) if u > 0 else (f"{value:.6g}", "as stated")
             rows.append((name, *shown))
         return rows
 
     def _json(self) -> dict[str, Any]:
-        lens, u = self.lens, self.u_intrinsics
+        images, n = self.poses.images, len(self.poses.images.boards)
+        lenses = np.concatenate([lens.intrinsics for lens in self.lenses])
+        sizes, u = self.board_scales, self.u_intrinsics
+        tips = {name: T[:3, 3] for name, T in self.poses.T_child_tip.items()}
+
+        def by_name(names: Sequence[str], values: Sequence[object]) -> object:
+            return values[0] if len(names) == 1 else dict(zip(names, values, strict=True))
+
         return {
             **super()._json(),
-            "intrinsics": dict(zip(lens.names, lens.intrinsics.tolist(), strict=True)),
-            "u_intrinsics": dict(zip(lens.names, u[:-1].tolist(), strict=True)),
-            "board_scale": self.board_scale,
-            "u_board_scale": float(u[-1]),
-            "std_px": self.poses.adjusted.std_px,
-            "tip_mm": self.poses.centre,
+            "intrinsics": dict(zip(images.labels[:-n], lenses.tolist(), strict=True)),
+            "u_intrinsics": dict(zip(images.labels[:-n], u[:-n].tolist(), strict=True)),
+            "board_scale": by_name(images.boards, sizes.tolist()),
+            "u_board_scale": by_name(images.boards, u[-n:].tolist()),
+            "std_px": by_name(images.cameras, self.poses.adjusted.std_px.tolist()),
+            "tip_mm": by_name(list(tips), list(tips.values())),
         }

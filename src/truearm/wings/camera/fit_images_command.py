@@ -10,18 +10,30 @@ from typer import Argument, Option
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_model_output, check_new_output
-from truearm.wings.camera.corners_command import BoardOption, CameraOption
 
 
 @options.of_verb("truearm.wings.camera.fit_images:fit_images", called={"u_camera_px": "--u-camera"})
 def fit_images(
     verb: Any,
     session: Annotated[Path, Argument(metavar="SESSION", help="Session file with the joints of every image.")],
-    pixels: Annotated[Path, Argument(metavar="PIXELS", help="Corners in the images: reading, corner, u_px, v_px.")],
+    pixels: Annotated[
+        list[Path], Argument(metavar="PIXELS", help="Corners in the images: reading, corner, u_px, v_px.")
+    ],
     arm: Annotated[str, Option("--arm", help=f"Nominal arm. {options.ARM_HELP}")],
-    board: BoardOption,
+    board: Annotated[
+        list[str], Option("--board", help="The board, as charuco:8x11,15mm,11mm; of several NAME=charuco:...")
+    ],
     out: options.ModelOut,
-    camera: CameraOption = None,
+    camera: Annotated[
+        list[str] | None,
+        Option("--camera", help="The camera's intrinsics: camera_info of ROS, .yaml; of several NAME=FILE."),
+    ] = None,
+    eye_in_hand: Annotated[
+        bool, Option("--eye-in-hand/--no-eye-in-hand", help="The cameras are on the flange and the boards stand.")
+    ] = False,
+    on_flange: Annotated[
+        list[str] | None, Option("--on-flange", metavar="NAME", help="Name of a camera on the flange; others stand.")
+    ] = None,
     camera_out: Annotated[
         Path | None, Option("--camera-out", help="File to write with the intrinsics found, .yaml.")
     ] = None,
@@ -33,30 +45,32 @@ def fit_images(
     as_json: options.Json = False,
     **given: Any,
 ) -> None:
-    """Identify an arm and its camera from images.
+    """Identify an arm and its cameras from images.
 
-    The board is identified with them.
+    The boards are identified with them.
 
     The camera stands beside the robot and the board is on its flange, or with --eye-in-hand the camera is on the flange
     and the board stands. PIXELS has a row for each corner: reading (the row of SESSION, counted from 1), corner,
-    u_px, v_px.
+    u_px, v_px; where there are several cameras or boards their names too. There may be several such tables.
 
     The intrinsics are found with the arm; --camera states them, --u-camera 2 how well they are known [px], and
     --u-camera 0 keeps them. The board's size is known to 0.2 %, as printers print; u=0.05% behind the board states
     another uncertainty.
     """
-    from truearm.wings.camera.observations import check_size_is_known
+    from truearm.wings.camera.cell_images import by_name
+    from truearm.wings.camera.observations import camera_files
 
-    files = session, pixels, camera, given["lengths"]
+    boards, lenses = by_name(board), by_name(camera or ())
+    given["eye_in_hand"] = on_flange or eye_in_hand
+    files = session, *pixels, *map(Path, lenses.values()), given["lengths"]
     check_model_output(out, None, *files, force=force)
-    if camera_out is not None:
-        check_new_output(camera_out, *files, out, force=force, endings=(".yaml",))
-        if camera is None:
-            check_size_is_known(pixels)
+    outputs = {} if camera_out is None else camera_files(camera_out, pixels, lenses)
+    for path in outputs.values():
+        check_new_output(path, *files, out, force=force, endings=(".yaml",))
     with progress("fitting images", total=4 if model == "auto" else None) as report:
-        result = verb(arm, session, pixels, board=board, camera=camera, model=model, **given, progress=report)
+        result = verb(arm, session, pixels, board=boards, camera=lenses or None, model=model, **given, progress=report)
         check_model_output(out, result.fitted.model.arm_, force=force)
         result.fitted.save(out)
-        if camera_out is not None:
-            result.save_camera(camera_out)
-    print_record(result, as_json=as_json, files={"model": out, "camera": camera_out}, details=details)
+        if outputs:
+            result.save_cameras(outputs)
+    print_record(result, as_json=as_json, files={"model": out, **outputs}, details=details)

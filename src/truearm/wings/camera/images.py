@@ -1,9 +1,9 @@
-"""Images of one board by one camera: poses of the board, the camera's intrinsics, and how both err together.
+"""Images of boards by cameras: poses of the boards, the cameras' intrinsics, and how both err together.
 
 The residual of a corner is ``pi(K, R s b + t) - y`` [px], with the corner b about the middle of the board, the scale s
 of the board and the pose (R, t) of its middle in the camera. In the Gauss-Newton matrix of all images the poses are
 blocks of their own: they are eliminated (Schur complement), so that the cost is linear in the images. What remains of
-the common unknowns (intrinsics, scale) is what the pixels say of them, whatever the arm.
+the common unknowns (intrinsics of every camera, scale of every board) is what the pixels say of them, whatever the arm.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -39,68 +40,121 @@ CLEAR = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Corners of one board in m images, and what is stated of board and camera.
+    """Corners of a board in each of m images, and what is stated of boards and cameras.
 
     Attributes
     ----------
-    corners : (c, 3) array
-        Positions of the corners about the middle of the board [mm].
-    pixels : (m, 2, c) array
-        NaN where a corner is not seen [px].
-    lens : Lens
-        As stated, or a first guess.
-    u_intrinsics : (p,) array
+    corners : tuple of (c, 3) array
+        Of every board the positions of its corners about its middle [mm].
+    pixels : (m, 2, k) array
+        NaN where a corner is not seen [px]; k corners of the board with most.
+    lenses : tuple of Lens
+        Of every camera, as stated, or a first guess.
+    u_intrinsics : tuple of (p,) array
         Standard uncertainties of the stated intrinsics; 0 keeps one as it is, infinite ones are not known.
-    u_scale : float
-        Relative standard uncertainty of the board's size.
+    u_scale : (b,) array
+        Relative standard uncertainty of the size of every board.
+    camera, board : (m,) int array
+        Of every image.
+    cameras, boards : tuple of str
+        Their names.
     """
 
-    corners: FloatArray
+    corners: tuple[FloatArray, ...]
     pixels: FloatArray
-    lens: Lens
-    u_intrinsics: FloatArray
-    u_scale: float
+    lenses: tuple[Lens, ...]
+    u_intrinsics: tuple[FloatArray, ...]
+    u_scale: FloatArray
+    camera: IntArray
+    board: IntArray
+    cameras: tuple[str, ...] = ("camera",)
+    boards: tuple[str, ...] = ("board",)
+
+    @classmethod
+    def of_one(
+        cls, corners: FloatArray, pixels: FloatArray, lens: Lens, u_intrinsics: FloatArray, u_scale: float
+    ) -> Images:
+        """Of one board by one camera."""
+        one = np.zeros(len(pixels), np.intp)
+        return cls((corners,), pixels, (lens,), (u_intrinsics,), np.array([u_scale]), one, one)
 
     def __len__(self) -> int:
         return len(self.pixels)
 
     @property
     def seen(self) -> BoolArray:
-        """(m, c) Whether each corner is seen."""
+        """(m, k) Whether each corner is seen."""
         return np.asarray(~np.isnan(self.pixels[:, 0]))
 
     @cached_property
+    def corners_of_images(self) -> FloatArray:
+        """(m, k, 3) positions of the corners of each image; zero beyond those of its board."""
+        out = np.zeros((len(self.corners), self.pixels.shape[2], 3))
+        for own, corners in zip(out, self.corners, strict=True):
+            own[: len(corners)] = corners
+        return np.asarray(out[self.board])
+
+    @cached_property
+    def intrinsics(self) -> tuple[slice, ...]:
+        """Of every camera the places of its intrinsics among all intrinsics and scales."""
+        ends = np.cumsum([0, *map(len, self.u_intrinsics)]).tolist()
+        return tuple(slice(a, b) for a, b in pairwise(ends))
+
+    @cached_property
     def free(self) -> BoolArray:
-        """(p + 1,) Which intrinsics, and last the scale, are unknown."""
-        return np.append(self.u_intrinsics > 0, self.u_scale > 0)
+        """(n,) Which intrinsics of all cameras, and last the scales of all boards, are unknown."""
+        return np.concatenate([*self.u_intrinsics, self.u_scale]) > 0
 
     @cached_property
     def units(self) -> FloatArray:
         """(a,) units of the unknowns."""
-        return np.append([1.0] * 4 + [PER_MILLE] * (len(self.u_intrinsics) - 4), PER_MILLE)[self.free]
+        of_lenses = [unit for u in self.u_intrinsics for unit in [1.0] * 4 + [PER_MILLE] * (len(u) - 4)]
+        return np.array(of_lenses + [PER_MILLE] * len(self.u_scale))[self.free]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns, with units."""
-        lens = [f"{name} [{'px' if i < 4 else '1e-3'}]" for i, name in enumerate(self.lens.names)]
-        return tuple(np.array([*lens, "size of the board [1e-3]"])[self.free].tolist())
+        labels = [f"{label} [{'1e-3' if unit == PER_MILLE else 'px'}]" for label, unit in zip(
+            np.array(self.labels)[self.free].tolist(), self.units, strict=True)]  # fmt: skip
+        return tuple(labels)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """(n,) names of all intrinsics and scales; with those of camera and board where there are several."""
+        several = len(self.cameras) > 1, len(self.boards) > 1
+        lenses = [f"{name} of {camera}" if several[0] else name
+                  for camera, lens in zip(self.cameras, self.lenses, strict=True) for name in lens.names]  # fmt: skip
+        return (*lenses, *(f"size of {board if several[1] else 'the board'}" for board in self.boards))
 
     @cached_property
     def precision(self) -> FloatArray:
         """(a,) one over the variances of the stated values, in the units of the unknowns."""
-        wide = np.append(np.full(4, np.inf), np.full(len(self.u_intrinsics) - 4, WIDE_COEFFICIENT))
-        u = np.append(np.minimum(self.u_intrinsics, wide), self.u_scale)[self.free]
-        return np.asarray((self.units / u) ** 2)
+        wide = [np.append(np.full(4, np.inf), np.full(len(u) - 4, WIDE_COEFFICIENT)) for u in self.u_intrinsics]
+        known = [np.minimum(u, most) for u, most in zip(self.u_intrinsics, wide, strict=True)]
+        return np.asarray((self.units / np.concatenate([*known, self.u_scale])[self.free]) ** 2)
+
+    def u_of(self, covariance: FloatArray) -> FloatArray:
+        """(n,) standard uncertainties of all intrinsics and scales by the covariance of the unknowns; 0 as stated."""
+        u = np.zeros(len(self.free))
+        u[self.free] = np.sqrt(np.diag(covariance)) * self.units
+        return u
 
     def rows(self, which: BoolArray | IntArray) -> Images:
         """Some of the images."""
-        return replace(self, pixels=self.pixels[which])
+        return replace(self, pixels=self.pixels[which], camera=self.camera[which], board=self.board[which])
 
-    def values(self, unknowns: FloatArray) -> tuple[Lens, float]:
-        """Camera and scale of the board by the unknowns (a,): changes of what is stated."""
+    def kept(self) -> Images:
+        """The same with intrinsics and sizes as they are stated."""
+        return replace(self, u_intrinsics=tuple(map(np.zeros_like, self.u_intrinsics)), u_scale=0.0 * self.u_scale)
+
+    def values(self, unknowns: FloatArray) -> tuple[tuple[Lens, ...], FloatArray]:
+        """Cameras and scales of the boards (b,) by the unknowns (a,): changes of what is stated."""
         change = np.zeros(len(self.free))
         change[self.free] = unknowns * self.units
-        return self.lens.with_intrinsics(self.lens.intrinsics + change[:-1]), 1.0 + float(change[-1])
+        lenses = zip(self.lenses, self.intrinsics, strict=True)
+        return tuple(lens.with_intrinsics(lens.intrinsics + change[own]) for lens, own in lenses), 1.0 + change[
+            len(change) - len(self.u_scale) :
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,19 +177,28 @@ class Linearised:
 
 def linearise(images: Images, R: FloatArray, t: FloatArray, unknowns: FloatArray) -> Linearised:
     """Residuals and derivatives at poses (m, 3, 3), (m, 3) and unknowns (a,)."""
-    lens, scale = images.values(unknowns)
-    m, c = len(images), len(images.corners)
-    turned = np.einsum("mij,cj->imc", R, images.corners)
-    points = scale * turned + t.T[:, :, None]
-    pixels, by_point, by_lens = lens.project_with_derivatives(points.reshape(3, -1))
+    lenses, scales = images.values(unknowns)
+    scale = scales[images.board]
+    turned = np.einsum("mij,mkj->imk", R, images.corners_of_images)
+    points = scale[:, None] * turned + t.T[:, :, None]
+    m, c = points.shape[1:]
+    pixels, by_point = np.empty((m, 2, c)), np.empty((2, 3, m, c))
+    by_unknown = np.zeros((2, len(images.free), m, c))
+    for k, (lens, own) in enumerate(zip(lenses, images.intrinsics, strict=True)):
+        rows = np.flatnonzero(images.camera == k)
+        at, of_point, of_lens = lens.project_with_derivatives(points[:, rows].reshape(3, -1))
+        pixels[rows] = at.reshape(2, len(rows), c).transpose(1, 0, 2)
+        by_point[:, :, rows] = of_point.reshape(2, 3, len(rows), c)
+        by_unknown[:, own, rows] = of_lens.reshape(2, -1, len(rows), c)
     seen = images.seen
-    residuals = np.where(seen[:, None], pixels.reshape(2, m, c).transpose(1, 0, 2) - images.pixels, 0.0)
-    by_point = np.where(seen, by_point.reshape(2, 3, m, c), 0.0)
-    by_lens = np.where(seen, by_lens.reshape(2, -1, m, c), 0.0)
-    by_turn = scale * np.cross(turned, by_point, axisa=0, axisb=1, axisc=1)  # w . (x cross g) = g . (w cross x)
-    by_scale = (by_point * turned).sum(axis=1)
+    residuals = np.where(seen[:, None], pixels - images.pixels, 0.0)
+    by_point = np.where(seen, by_point, 0.0)
+    by_turn = scale[:, None] * np.cross(
+        turned, by_point, axisa=0, axisb=1, axisc=1
+    )  # w . (x cross g) = g . (w cross x)
+    by_unknown[:, len(images.free) - len(scales) + images.board, np.arange(m)] = (by_point * turned).sum(axis=1)
     by_pose = np.concatenate([by_point, by_turn], axis=1)
-    by_unknown = np.concatenate([by_lens, by_scale[:, None]], axis=1)[:, images.free] * images.units[:, None, None]
+    by_unknown = np.where(seen, by_unknown, 0.0)[:, images.free] * images.units[:, None, None]
     return Linearised(
         residuals.reshape(m, -1),
         by_pose.transpose(2, 0, 3, 1).reshape(m, 2 * c, 6),
@@ -154,8 +217,8 @@ class Adjustment:
     unknowns : (a,) array
     residuals : (m, 2, c) array
         [px]; NaN where a corner is not seen.
-    std_px : float
-        Standard deviation of a coordinate of a corner.
+    std_px : (k,) array
+        Standard deviation of a coordinate of a corner in the images of every camera.
     covariance : (m, 6, 6) array
         Of the poses, at given unknowns.
     by_unknown : (m, 6, a) array
@@ -169,7 +232,7 @@ class Adjustment:
     t: FloatArray
     unknowns: FloatArray
     residuals: FloatArray
-    std_px: float
+    std_px: FloatArray
     covariance: FloatArray
     by_unknown: FloatArray
     root: FloatArray
@@ -203,19 +266,18 @@ def adjust(
         Whether the unknowns stay where they are, and only the poses are adjusted.
     """
     x = np.zeros(len(images.units)) if unknowns is None else unknowns
-    seen = np.repeat(images.seen[:, None], 2, axis=1).reshape(len(images), -1)
     is_settled, damping, before = False, 0.0, np.inf
     last = R, t, x
     for _ in range(MOST_STEPS):
         linear = linearise(images, R, t, x)
-        std, weights = _weights(linear.residuals, seen, len(x))
-        cost = float((weights * linear.residuals**2).sum()) / std**2 + float(images.precision @ x**2)
+        _, weights = _weights(images, linear.residuals)
+        cost = float((weights * linear.residuals**2).sum()) + float(images.precision @ x**2)
         if not np.isfinite(cost) or (cost > 1.5 * before and damping < 1e6):  # too far: back, and a shorter step
             damping = max(100 * damping, 1e-3)
             R, t, x = last
             before = np.inf
             continue
-        sums = _Sums.of(linear, weights / std**2)
+        sums = _Sums.of(linear, weights)
         step, of_poses = sums.step(images.precision, x, damping, keep=keep)
         last, before, damping = (R, t, x), cost, damping / 10 if damping > 1e-8 else 0.0
         x = x + step
@@ -225,8 +287,8 @@ def adjust(
             is_settled = True
             break
     linear = linearise(images, R, t, x)
-    std, weights = _weights(linear.residuals, seen, len(x))
-    sums = _Sums.of(linear, weights / std**2)
+    std, weights = _weights(images, linear.residuals)
+    sums = _Sums.of(linear, weights)
     covariance = np.asarray(np.linalg.inv(sums.poses))
     by_unknown = -covariance @ sums.coupling
     matrix = sums.unknowns + np.einsum("mia,mib->ab", sums.coupling, by_unknown) + np.diag(images.precision)
@@ -235,11 +297,25 @@ def adjust(
     told = values > 1e-12 * values.max(initial=0.0)
     root = (np.sqrt(np.maximum(values, 0.0)) * vectors)[:, told].T
     offset = (vectors.T @ gradient)[told] / np.sqrt(values[told])
-    residuals = np.where(seen, linear.residuals, np.nan).reshape(images.pixels.shape)
+    residuals = np.where(images.seen[:, None], linear.residuals.reshape(images.pixels.shape), np.nan)
     return Adjustment(R, t, x, residuals, std, covariance, by_unknown, root, offset, is_settled)
 
 
-def _weights(residuals: FloatArray, seen: BoolArray, n_unknowns: int) -> tuple[float, FloatArray]:
+def _weights(images: Images, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Standard deviation of a coordinate of each camera (k,), and weights of the residuals (m, 2 c) [1/px^2]."""
+    stds, weights = np.full(len(images.cameras), LEAST_STD_PX), np.zeros(residuals.shape)
+    seen = np.repeat(images.seen[:, None], 2, axis=1).reshape(residuals.shape)
+    for k, own in enumerate(images.intrinsics):
+        rows = images.camera == k
+        if rows.any():
+            n_scales = int((images.u_scale[np.unique(images.board[rows])] > 0).sum())
+            n_unknowns = int(images.free[own].sum()) + n_scales
+            stds[k], factor = _robust(residuals[rows], seen[rows], n_unknowns)
+            weights[rows] = factor / stds[k] ** 2
+    return stds, weights
+
+
+def _robust(residuals: FloatArray, seen: BoolArray, n_unknowns: int) -> tuple[float, FloatArray]:
     """Standard deviation of a coordinate, and Huber's weights of the corners (m, k)."""
     freedom = max(int(seen.sum()) - 6 * len(residuals) - n_unknowns, 1)
     spent = np.sqrt(seen.sum() / freedom)
@@ -308,12 +384,13 @@ def first_poses(images: Images) -> tuple[FloatArray, FloatArray]:
         If an image has fewer than four corners, or the corners are on a line.
     """
     R, t = np.empty((len(images), 3, 3)), np.empty((len(images), 3))
-    for i, (pixels, seen) in enumerate(zip(images.pixels, images.seen, strict=True)):
+    for i, (pixels, seen, corners) in enumerate(zip(images.pixels, images.seen, images.corners_of_images, strict=True)):
         if seen.sum() < LEAST_CORNERS:
             raise InputError(f"expected {LEAST_CORNERS} or more corners in an image, got {int(seen.sum())}")
-        seen = seen & np.isfinite(images.lens.normalized(np.nan_to_num(pixels))).all(axis=0)
-        R[i], t[i] = _first_pose(images.corners[seen], images.lens.normalized(pixels[:, seen]))
-    fixed = replace(images, u_intrinsics=np.zeros(len(images.u_intrinsics)), u_scale=0.0)
+        lens = images.lenses[images.camera[i]]
+        seen = seen & np.isfinite(lens.normalized(np.nan_to_num(pixels))).all(axis=0)
+        R[i], t[i] = _first_pose(corners[seen], lens.normalized(pixels[:, seen]))
+    fixed = images.kept()
     found = [adjust(fixed, R, t)]
     # The other tilt: the normal of the board mirrored about the line of sight.
     sight = t / np.linalg.norm(t, axis=1, keepdims=True)
@@ -383,7 +460,9 @@ def _scaled(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def guess_lens(corners: FloatArray, pixels: FloatArray, size_px: Sequence[int]) -> Lens:
-    """A lens without distortion whose centre is that of the image, by homographies of a flat board.
+    """A lens without distortion whose centre is that of the image, by homographies of flat boards.
+
+    The corners are those of all images (c, 3), or of each (m, c, 3).
 
     Each homography h of a plane has ``h1^T W h2 = 0`` and ``h1^T W h1 = h2^T W h2`` with ``W = K^-T K^-1`` (Zhang 2000,
     eqs. 3 and 4): linear in one over the squares of the focal lengths.
@@ -396,9 +475,9 @@ def guess_lens(corners: FloatArray, pixels: FloatArray, size_px: Sequence[int]) 
     width, height = size_px
     centre = np.array([(width - 1) / 2, (height - 1) / 2])
     left, right = [], []
-    for image in pixels:
+    for image, own in zip(pixels, np.broadcast_to(corners, (len(pixels), *corners.shape[-2:])), strict=True):
         seen = ~np.isnan(image[0])
-        H = _homography(corners[seen, :2], image[:, seen].T - centre)
+        H = _homography(own[seen, :2], image[:, seen].T - centre)
         a, b = H[:, 0] / np.linalg.norm(H[:, 0]), H[:, 1] / np.linalg.norm(H[:, 0])
         left += [[a[0] * b[0], a[1] * b[1]], [a[0] ** 2 - b[0] ** 2, a[1] ** 2 - b[1] ** 2]]
         right += [-a[2] * b[2], b[2] ** 2 - a[2] ** 2]

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
 from truearm.arm.rigid_motions import cross_matrix, xyz_rpy_from_frame
+from truearm.identification.terms.basis import Basis, Constant, InSession, OfTip
 from truearm.models.identified_model import IdentifiedModel
 from truearm.typing import FloatArray
 from truearm.wings.camera.closed_form import HandEyeAlone, inverse, motion
@@ -112,17 +113,22 @@ def small_motion(T: FloatArray, T0: FloatArray) -> FloatArray:
     return np.concatenate([T[:3, 3] - T0[:3, 3], turn])
 
 
-def _propagated(at: Callable[[FloatArray], FloatArray], x: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(6, 6) covariance of a motion that depends on coefficients, to first order."""
-    variances, vectors = np.linalg.eigh(covariance)
-    along = (vectors * np.sqrt(np.maximum(variances, 0.0))).T
-    T0 = at(x)
-    changes = np.stack([small_motion(at(x + STEP * one), T0) for one in along]) / STEP
-    return np.asarray(changes.T @ changes)
+def where_it_stands(model: IdentifiedModel, name: str, parent: str = "base") -> Transform:
+    """What stands, a camera or a board, in the base: the frame of the readings of the session of that name."""
+    nominal, frame = model.arm_.chain, model.session_frames_.get(name, np.eye(4))
+    return _transform(model, name, parent, lambda chain: mounts(chain, nominal)[0] @ frame, InSession(name))
+
+
+def where_it_is_carried(
+    model: IdentifiedModel, name: str, T_child_tip: FloatArray, parent: str = "flange"
+) -> Transform:
+    """What the flange carries, a board or a camera, by the tip of that name in its frame (4, 4) [mm]."""
+    nominal, back = model.arm_.chain, inverse(T_child_tip)
+    return _transform(model, name, parent, lambda chain: mounts(chain, nominal)[1] @ back, OfTip(name))
 
 
 def of_model(model: IdentifiedModel, *, eye_in_hand: bool, centre: FloatArray) -> tuple[Transform, Transform]:
-    """Camera and board of a fitted model: where the one is that stands, and the one on the flange.
+    """The camera and the board of a model of one of each.
 
     Parameters
     ----------
@@ -131,26 +137,30 @@ def of_model(model: IdentifiedModel, *, eye_in_hand: bool, centre: FloatArray) -
     eye_in_hand : bool
     centre : (3,) array
         Of the camera on the flange: that point in its frame [mm].
-
-    Returns
-    -------
-    camera, board : Transform
     """
-    fit, nominal = model.fit_, model.arm_.chain
-    back = motion(np.eye(3), -centre)
+    standing, carried = ("board", "camera") if eye_in_hand else ("camera", "board")
+    found = where_it_stands(model, standing), where_it_is_carried(model, carried, motion(np.eye(3), centre))
+    return found[::-1] if eye_in_hand else found
 
-    def standing(x: FloatArray) -> FloatArray:
-        return mounts(fit.perturbed_chain.with_constants(x), nominal)[0]
 
-    def carried(x: FloatArray) -> FloatArray:
-        return mounts(fit.perturbed_chain.with_constants(x), nominal)[1] @ back
-
-    found = [(at(fit.coefficients), _propagated(at, fit.coefficients, fit.covariance)) for at in (standing, carried)]
-    names = ("board", "camera") if eye_in_hand else ("camera", "board")
-    in_base, on_flange = (
-        Transform(name, parent, *one) for name, parent, one in zip(names, ("base", "flange"), found, strict=True)
-    )
-    return (on_flange, in_base) if eye_in_hand else (in_base, on_flange)
+def _transform(
+    model: IdentifiedModel, child: str, parent: str, of: Callable[[Chain], FloatArray], *also: Basis
+) -> Transform:
+    """A motion that depends on the constants of a model, and on coefficients of other bases, to first order."""
+    chain, covariance = model.fit_.perturbed_chain, model.fit_.covariance
+    moves = [i for term, columns in zip(chain.terms, chain.columns, strict=True)
+             if isinstance(term.basis, Constant) or term.basis in also for i in columns.tolist()]  # fmt: skip
+    x = model.fit_.coefficients
+    T = of(chain.with_constants(x, *also))
+    std = np.sqrt(np.diag(covariance)[moves])
+    changes = np.zeros((len(moves), 6))
+    for change, i, one in zip(changes, moves, std.tolist(), strict=True):
+        if one > 0:
+            moved = x.copy()
+            moved[i] += STEP * one
+            change[:] = small_motion(of(chain.with_constants(moved, *also)), T) / STEP
+    alike = covariance[np.ix_(moves, moves)] / np.maximum(np.outer(std, std), np.finfo(float).tiny)
+    return Transform(child, parent, T, changes.T @ alike @ changes)
 
 
 def of_alone(alone: HandEyeAlone, *, eye_in_hand: bool) -> tuple[Transform, Transform]:

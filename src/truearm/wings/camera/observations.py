@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.delimited import MAX_BYTES, check_names, quoted_cell, read_columns, read_form, write_columns
+from truearm.files.delimited import MAX_BYTES, Sheet, check_names, quoted_cell, read_columns, read_form, write_columns
 from truearm.files.file_reading import check_readable
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.wings.camera.boards import whole_numbers
@@ -32,7 +32,7 @@ class PixelObservations:
     reading : (n,) int array
         Number of the reading in the session, counted from 1.
     image : (n,) array of str
-        Name of the image; the rows of one image are of one reading and one camera.
+        Name of the image; the rows of one image of a camera are of one reading.
     camera : (n,) array of str
     board : (n,) array of str
         Name of the board, or its text (see `truearm.wings.camera.boards.parse_board`).
@@ -41,14 +41,14 @@ class PixelObservations:
         Column u to the right and row v down [px]; the centre of the first pixel is at (0, 0).
     file : Path or None
         Where they were read from, named in messages.
-    size_px : (int, int) or None
-        Width and height of the images, if known.
+    sizes_px : mapping of str to (int, int)
+        Width and height of the images of a camera, where they are known.
 
     Raises
     ------
     InputError
         If there is no row, a name is empty, a pixel is not finite or absurd, a corner stands twice in an image, or the
-        rows of one image are of several readings or cameras.
+        rows of one image are of several readings.
     """
 
     reading: IntArray
@@ -58,7 +58,7 @@ class PixelObservations:
     corner: IntArray
     pixels: FloatArray
     file: Path | None = None
-    size_px: tuple[int, int] | None = None
+    sizes_px: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("reading", "corner", *NAMES):
@@ -80,6 +80,11 @@ class PixelObservations:
         """Names of the images, in the order of their first rows."""
         return tuple(dict.fromkeys(self.image.tolist()))
 
+    @property
+    def cameras_without_size(self) -> tuple[str, ...]:
+        """Names of the cameras whose images have no known size."""
+        return tuple(name for name in np.unique(self.camera).tolist() if name not in self.sizes_px)
+
     def of_image(self, image: str) -> PixelObservations:
         """The rows of one image."""
         return self.rows(self.image == image)
@@ -91,9 +96,23 @@ class PixelObservations:
 
     @classmethod
     def joined(cls, parts: Sequence[PixelObservations]) -> PixelObservations:
-        """The rows of several observations."""
+        """The rows of several observations.
+
+        Raises
+        ------
+        InputError
+            If the images of one camera have several sizes.
+        """
         columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS}
-        return cls(**columns, size_px=parts[0].size_px if parts else None)
+        sizes: dict[str, tuple[int, int]] = {}
+        for part in parts:
+            for name, size in part.sizes_px.items():
+                if sizes.setdefault(name, size) != size:
+                    here, there = (f"{width} x {height}" for width, height in (size, sizes[name]))
+                    problem = f"the images of camera {name} are {here} px, and {there} px in another table"
+                    hint = "give two cameras two names: truearm corners --camera-name"
+                    raise InputError(problem, file=part.file, hint=hint)
+        return cls(**columns, sizes_px=sizes)
 
     def check_readings(self, n: int) -> None:
         """Check that the rows are of `n` readings.
@@ -109,7 +128,9 @@ class PixelObservations:
         """Write the table; the file appears whole or not at all."""
         columns = {name: getattr(self, name) for name in ("reading", *NAMES, "corner")}
         columns |= {name: np.round(self.pixels[:, k], 4) for k, name in enumerate(("u_px", "v_px"))}
-        columns |= {name: np.full(len(self), size) for name, size in zip(SIZE, self.size_px or (), strict=False)}
+        if not self.cameras_without_size:
+            sizes = np.array([self.sizes_px[name] for name in self.camera.tolist()])
+            columns |= dict(zip(SIZE, sizes.T, strict=True))
         with atomic_file(path, read=read_pixels) as part:
             write_columns(part, columns)
 
@@ -121,13 +142,11 @@ class PixelObservations:
             values = self.pixels[:, k]
             absurd = ~(np.abs(values) <= LARGEST_PX)
             self._refuse(absurd, f"expected pixels from -{LARGEST_PX} to {LARGEST_PX}, got {{}}", name, values)
-        _, image = np.unique(self.image, return_inverse=True)
-        first = np.full(image.max() + 1, len(self))
-        np.minimum.at(first, image, np.arange(len(self)))
-        for name in ("reading", "camera"):
-            values = getattr(self, name)
-            others = values != values[first[image]]
-            self._refuse(others, f"expected one {name} an image, got a second one, {{}}", name, values)
+        codes = [np.unique(values, return_inverse=True)[1] for values in (self.camera, self.image)]
+        _, first, image = np.unique(np.stack(codes), axis=1, return_index=True, return_inverse=True)
+        image = image.reshape(-1)
+        others = self.reading != self.reading[first[image]]
+        self._refuse(others, "expected one reading an image, got a second one, {}", "reading")
         keys = np.stack([image, np.unique(self.board, return_inverse=True)[1], self.corner])
         _, once = np.unique(keys, axis=1, return_index=True)
         twice = np.ones(len(self), bool)
@@ -170,30 +189,38 @@ def read_pixels(path: str | Path) -> PixelObservations:
     names = dict(zip(words, texts, strict=True))
     reading = whole_numbers(numbers[:, 0], "reading", sheet.error)
     corner = whole_numbers(numbers[:, 1], "corner", sheet.error)
-    size_px = None
-    if has_size:
-        sizes = [whole_numbers(numbers[:, 4 + k], name, sheet.error) for k, name in enumerate(SIZE)]
-        for name, values in zip(SIZE, sizes, strict=True):
-            if (others := np.flatnonzero(values != values[0])).size or not 0 < values[0] <= LARGEST_PX:
-                row = int(others[0]) if others.size else 0
-                raise sheet.error(f"expected one size of all images, got {values[row]}", row, column=name)
-        size_px = int(sizes[0][0]), int(sizes[1][0])
     image = names.get("image", np.char.add("reading ", reading.astype(np.str_)))
     camera, board = (names.get(name, np.full(len(reading), name)) for name in ("camera", "board"))
-    return PixelObservations(reading, image, camera, board, corner, numbers[:, 2:4], path, size_px)
+    sizes = _sizes(sheet, numbers[:, 4:], camera) if has_size else {}
+    return PixelObservations(reading, image, camera, board, corner, numbers[:, 2:4], path, sizes)
 
 
-def check_size_is_known(path: str | Path) -> None:
-    """Check that a table of pixels states the size of the images, which a camera's file needs.
+def _sizes(sheet: Sheet, numbers: FloatArray, camera: NameArray) -> dict[str, tuple[int, int]]:
+    """The size of the images of every camera, by columns (n, 2), which all rows of it share."""
+    sizes = np.stack([whole_numbers(numbers[:, k], name, sheet.error) for k, name in enumerate(SIZE)], axis=1)
+    names, first, of_row = np.unique(camera, return_index=True, return_inverse=True)
+    wrong = (sizes != sizes[first][of_row]) | (sizes <= 0) | (sizes > LARGEST_PX)
+    if wrong.any():
+        row, k = np.argwhere(wrong)[0].tolist()
+        raise sheet.error(f"expected one size of all images of a camera, got {sizes[row, k]}", row, column=SIZE[k])
+    return {str(name): (int(width), int(height)) for name, (width, height) in zip(names, sizes[first], strict=True)}
+
+
+def camera_files(path: Path, tables: Sequence[Path], stated: Mapping[str, str]) -> dict[str, Path]:
+    """Files for the intrinsics of cameras by their names: ``camera.yaml`` of one, else ``camera-left.yaml`` and so on.
 
     Raises
     ------
     InputError
-        If it does not.
+        If the size of the images of one is not known, which such a file needs, neither from the tables nor stated.
     """
-    if read_pixels(path).size_px is None:
+    seen = PixelObservations.joined([read_pixels(table) for table in tables])
+    names = np.unique(seen.camera).tolist()
+    if missing := [] if "" in stated else [name for name in seen.cameras_without_size if name not in stated]:
         raise InputError(
-            "the size of the images is not stated, and a camera's file needs it",
-            file=Path(path),
+            f"the size of the images{f' of camera {missing[0]}' if len(names) > 1 else ''} is not stated, and a "
+            "camera's file needs it",
+            file=tables[0],
             hint=f"add the columns {' and '.join(SIZE)}, or state the camera with --camera",
         )
+    return {name: path.with_stem(f"{path.stem}-{name}") for name in names} if len(names) > 1 else {"camera": path}

@@ -257,7 +257,7 @@ def _noise_of_corners(cell: VirtualCell, angles: FloatArray) -> float:
     """Root mean square uncertainty of a coordinate of the board's middle by the corners of one image [mm]."""
     T = cell.T_camera_board(angles)
     lens_is_known = np.zeros(len(cell.lens.intrinsics))
-    images = Images(cell.board.points - cell.middle, cell.project(T), cell.lens, lens_is_known, 0.0)
+    images = Images.of_one(cell.board.points - cell.middle, cell.project(T), cell.lens, lens_is_known, 0.0)
     by_pose = linearise(images, T[:, :3, :3], T[:, :3, 3], np.zeros(0)).by_pose
     scale = np.linalg.norm(by_pose, axis=1)  # mm and rad
     by_pose /= scale[:, None]

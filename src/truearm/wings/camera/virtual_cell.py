@@ -165,7 +165,8 @@ class VirtualCell:
     def table(self, n: int, *, seed: int, std_px: float = 0.2) -> tuple[Session, PixelObservations]:
         """Joints and corners of images at n poses, as people have them."""
         seen = self.measure(n, seed=seed, std_px=std_px)
-        return seen.readings, replace(table_of(seen.pixels, self.board), size_px=(self.lens.width, self.lens.height))
+        sizes = {"camera": (self.lens.width, self.lens.height)}
+        return seen.readings, replace(table_of(seen.pixels, self.board), sizes_px=sizes)
 
     def measure(self, n: int, *, seed: int, std_px: float) -> Seen:
         """Images at n poses: what the arm reads, and pixels with noise."""

@@ -1,0 +1,292 @@
+"""Images of a robot cell from tables of pixels: which camera sees which board at which reading of the arm."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from truearm.errors import InputError
+from truearm.findings import Finding
+from truearm.identification.references.prepared_readings import MIN_ROWS
+from truearm.readings import Session
+from truearm.typing import BoolArray, FloatArray, IntArray
+from truearm.verbs.record import number_of
+from truearm.wings.camera.boards import Board, parse_board
+from truearm.wings.camera.images import LEAST_CORNERS, Images, guess_lens
+from truearm.wings.camera.lenses import Lens, read_camera
+from truearm.wings.camera.observations import PixelObservations, read_pixels
+
+BoardLike: TypeAlias = Board | str
+CameraLike: TypeAlias = Lens | str | Path
+PixelsLike: TypeAlias = PixelObservations | str | Path
+# NAME=TEXT; the text of a board may have an equals sign itself, behind its colon.
+_NAMED = re.compile(r"([^:=]+)=(.+)")
+
+
+def by_name(words: Sequence[str]) -> dict[str, str]:
+    """What several options state, ``NAME=TEXT`` each, by its name; of one without a name by an empty one."""
+    named = {}
+    for word in words:
+        match = _NAMED.fullmatch(word)
+        named[match[1] if match else ""] = match[2] if match else word
+    if len(named) < len(words):
+        hint = "NAME=TEXT each, with the names in the table of pixels"
+        raise InputError(f"expected a name of its own before each of {len(words)}, got {', '.join(words)}", hint=hint)
+    return named
+
+
+@dataclass(frozen=True, eq=False)
+class CellImages:
+    """Images of boards, each of one reading.
+
+    Attributes
+    ----------
+    readings : Session
+        One with several images stands there as often.
+    rows : (m,) int array
+        The readings of the images.
+    images : Images
+    numbers : (m,) int array
+        Of these readings in the session, counted from 1.
+    names : tuple of str
+        Of the images.
+    in_hand : (k,) bool array
+        Whether each camera is on the flange.
+    middles : tuple of (3,) array
+        Of every board the middle of its corners in its own frame [mm].
+    n_images : int
+        That the tables have, also those that show too little.
+    findings : tuple of Finding
+        What is to be said of images that are ignored.
+    """
+
+    readings: Session
+    rows: IntArray
+    images: Images
+    numbers: IntArray
+    names: tuple[str, ...]
+    in_hand: BoolArray
+    middles: tuple[FloatArray, ...]
+    n_images: int
+    findings: tuple[Finding, ...]
+
+    def called(self, place: int) -> str:
+        """What a message calls an image: ``image_05.png (line 6)``."""
+        name, reading = self.names[place], self.readings.called(int(self.rows[place]))
+        return reading if name == f"reading {self.numbers[place]}" else f"{name} ({reading})"
+
+    @classmethod
+    def of(
+        cls,
+        readings: Session,
+        pixels: PixelsLike | Sequence[PixelsLike],
+        board: BoardLike | Mapping[str, BoardLike],
+        camera: CameraLike | Mapping[str, CameraLike] | None,
+        u_camera_px: float | None,
+        eye_in_hand: bool | Sequence[str],
+    ) -> CellImages:
+        """What `fit_images` is given.
+
+        Raises
+        ------
+        InputError
+            If the tables name other cameras or boards than are stated, or there are several images of a reading by one
+            camera, or too few images.
+        """
+        parts = [pixels] if isinstance(pixels, PixelsLike) else pixels
+        tables = [read_pixels(one) if isinstance(one, str | Path) else one for one in parts]
+        seen = tables[0] if len(tables) == 1 else PixelObservations.joined(tables)
+        seen.check_readings(len(readings))
+        boards = _boards(seen, board)
+        lenses = _lenses(seen, camera)
+        return _images(readings, seen, boards, lenses, u_camera_px, _in_hand(list(lenses), eye_in_hand, seen))
+
+
+def _boards(seen: PixelObservations, stated: BoardLike | Mapping[str, BoardLike]) -> dict[str, Board]:
+    """Every board of the table as it is stated."""
+    given = stated if isinstance(stated, Mapping) else {"": stated}
+    known = {name: parse_board(one) if isinstance(one, str) else one for name, one in given.items()}
+    names = np.unique(seen.board).tolist()
+    if "" in known and len(known) == len(names) == 1:
+        return {names[0]: _checked_board(seen, names[0], known[""])}
+    _check_names(seen, "board", names, known, "--board NAME=TEXT for each")
+    return {name: _checked_board(seen, name, known[name]) for name in names}
+
+
+def _lenses(seen: PixelObservations, stated: CameraLike | Mapping[str, CameraLike] | None) -> dict[str, Lens | None]:
+    """Every camera of the table, with its intrinsics where they are stated."""
+    given = stated if isinstance(stated, Mapping) else {} if stated is None else {"": stated}
+    known = {name: read_camera(one) if isinstance(one, str | Path) else one for name, one in given.items()}
+    names = np.unique(seen.camera).tolist()
+    if "" in known and len(known) == len(names) == 1:
+        known = {names[0]: known[""]}
+    _check_names(seen, "camera", names, {**dict.fromkeys(names), **known}, "--camera NAME=FILE")
+    for name, lens in known.items():
+        size = seen.sizes_px.get(name)
+        if size is not None and size != (lens.width, lens.height):
+            raise InputError(
+                f"the images are {size[0]} x {size[1]} px, the camera's file is of {lens.width} x {lens.height} px",
+                file=seen.file,
+                hint="the intrinsics of this resolution, or none: they are found with the arm",
+            )
+    return {name: known.get(name) for name in names}
+
+
+def _check_names(seen: PixelObservations, what: str, names: list[str], stated: Mapping[str, object], hint: str) -> None:
+    """Refuse names that are stated and not in the table, or the other way round."""
+    for here, there, text in (
+        (stated, names, f"{what} {{}} is stated, and the pixels are of {', '.join(names)}"),
+        (names, stated, f"the pixels are of {what} {{}} too, which is not stated"),
+    ):
+        if missing := [name for name in here if name not in there]:
+            said = text.format(repr(missing[0]) if missing[0] else "without a name")
+            raise InputError(said, file=seen.file, column=what, hint=hint)
+
+
+def _checked_board(seen: PixelObservations, name: str, board: Board) -> Board:
+    """Refuse pixels of a board of another kind or number of squares; its lengths may have been measured since."""
+    board.points_of(seen.corner[seen.board == name])  # which refuses corners that it has not
+    try:
+        other = parse_board(name, folder=seen.file.parent if seen.file else ".")
+    except InputError:
+        return board  # a name of another detector
+    if (other.kind, other.across, other.down) != (board.kind, board.across, board.down):
+        raise InputError(
+            f"the corners are those of board {other.name}, not of {board.name}",
+            file=seen.file,
+            column="board",
+            hint=f"--board {other.name}, or the pixels of the other board",
+        )
+    return board
+
+
+def _in_hand(cameras: list[str], stated: bool | Sequence[str], seen: PixelObservations) -> BoolArray:
+    """Which cameras are on the flange; a board is on the flange for all cameras that see it, or stands."""
+    named = cameras if stated is True else [] if stated is False else stated
+    _check_names(seen, "camera", cameras, {**dict.fromkeys(cameras), **dict.fromkeys(named)}, "--on-flange NAME")
+    on_flange = np.isin(seen.camera, named)
+    for board in np.unique(seen.board).tolist():
+        mounts = [np.unique(seen.camera[(seen.board == board) & of]).tolist() for of in (on_flange, ~on_flange)]
+        if all(mounts):
+            raise InputError(
+                f"board {board} is seen by camera {mounts[0][0]} on the flange and by {mounts[1][0]}, which stands: a "
+                "board stands, or is on the flange",
+                file=seen.file,
+                column="board",
+                hint="give two boards two names, or correct --on-flange",
+            )
+    return np.isin(cameras, named)
+
+
+def _images(
+    readings: Session,
+    seen: PixelObservations,
+    boards: dict[str, Board],
+    lenses: dict[str, Lens | None],
+    u_camera_px: float | None,
+    in_hand: BoolArray,
+) -> CellImages:
+    codes = [np.unique(values, return_inverse=True) for values in (seen.camera, seen.image, seen.board)]
+    key = np.stack([seen.reading, *(inverse for _, inverse in codes)])
+    (reading, camera, image, board), which = np.unique(key, axis=1, return_inverse=True)
+    taken = np.unique(np.stack([reading, camera, image]), axis=1)
+    again = (np.diff(taken[:2], axis=1) == 0).all(axis=0)
+    if again.any():
+        whose = f" by camera {codes[0][0][taken[1, 1:][again][0]]}" if len(lenses) > 1 else ""
+        problem = f"expected one image a reading{whose}, got several of reading {taken[0, 1:][again][0]}"
+        raise InputError(problem, file=seen.file, column="image")
+    pixels = np.full((len(reading), 2, max(map(len, boards.values()))), np.nan)
+    for k, one in enumerate(boards.values()):
+        rows = codes[2][1] == k
+        order = np.argsort(one.corners)
+        where = order[np.searchsorted(one.corners, seen.corner[rows], sorter=order)]
+        pixels[which.reshape(-1)[rows], :, where] = seen.pixels[rows]
+    cameras = list(lenses) if len(lenses) > 1 else ["camera"]
+    names = list(boards) if len(boards) > 1 else ["board"]
+    if both := {*cameras} & {*names}:
+        raise InputError(f"{min(both)!r} is the name of a camera and of a board", file=seen.file, column="board")
+    shows, findings = _enough(pixels, camera, board, cameras, names, seen)
+    middles = tuple(one.points.mean(axis=0) for one in boards.values())
+    points = tuple(one.points - middle for one, middle in zip(boards.values(), middles, strict=True))
+    index = _index_of_readings(reading[shows] - 1, len(readings))
+    rows = np.flatnonzero(np.isin(index, reading[shows] - 1))
+    images = Images(
+        points,
+        pixels[shows],
+        (),
+        (),
+        np.array([one.u_scale for one in boards.values()]),
+        camera[shows],
+        board[shows],
+        tuple(cameras),
+        tuple(names),
+    )
+    flat = [one.is_flat for one in boards.values()]
+    found = [_lens(images, k, lens, u_camera_px, seen.sizes_px.get(name), flat)
+             for k, (name, lens) in enumerate(lenses.items())]  # fmt: skip
+    images = replace(images, lenses=tuple(lens for lens, _ in found), u_intrinsics=tuple(u for _, u in found))
+    of_rows = readings if len(index) == len(readings) else readings.rows(index)
+    chosen = tuple(codes[1][0][image[shows]].tolist())
+    return CellImages(of_rows, rows, images, reading[shows], chosen, in_hand, middles, taken.shape[1], tuple(findings))
+
+
+def _index_of_readings(of_images: IntArray, n: int) -> IntArray:
+    """Readings, each as often as it has images, and once without one."""
+    return np.repeat(np.arange(n), np.maximum(np.bincount(of_images, minlength=n), 1))
+
+
+def _enough(
+    pixels: FloatArray,
+    camera: IntArray,
+    board: IntArray,
+    cameras: list[str],
+    boards: list[str],
+    seen: PixelObservations,
+) -> tuple[BoolArray, list[Finding]]:
+    """The images that show a board, of cameras that see it often enough to know where they are."""
+    shows = (~np.isnan(pixels[:, 0])).sum(axis=1) >= LEAST_CORNERS
+    findings = []
+    if n := int((~shows).sum()):
+        said = f"{number_of(n, 'image')} of {len(shows)} show fewer than {LEAST_CORNERS} corners of the board; ignored."
+        findings.append(Finding("hand-eye", said, {"n": n}))
+    several = len(cameras) > 1 or len(boards) > 1
+    for a, b in np.unique(np.stack([camera, board], axis=1), axis=0).tolist():
+        own = (camera == a) & (board == b)
+        if several and 0 < (n := int((shows & own).sum())) < MIN_ROWS:
+            said = f"Camera {cameras[a]} sees board {boards[b]} in {number_of(n, 'image')} only; ignored."
+            findings.append(Finding("hand-eye", said, {"n": n}))
+            shows &= ~own
+    for kind, names, of, text in (
+        ("camera", cameras, camera, f"images by camera {{}} that show a board (one board in {MIN_ROWS} of them)"),
+        ("board", boards, board, "images that show board {} by one camera"),
+    ):
+        for k, name in enumerate(names):
+            if (n := int((shows & (of == k)).sum())) < MIN_ROWS:
+                what = text.format(name) if several else "images that show the board"
+                problem = f"expected {MIN_ROWS} or more {what}, got {n}"
+                hint = f"take more images, or remove the rows of this {kind}" if several else None
+                raise InputError(problem, file=seen.file, column=kind if several else None, hint=hint)
+    return shows, findings
+
+
+def _lens(
+    images: Images, k: int, stated: Lens | None, u_px: float | None, size: tuple[int, int] | None, is_flat: list[bool]
+) -> tuple[Lens, FloatArray]:
+    """The intrinsics of a camera as stated, or a first guess, and their standard uncertainties."""
+    rows = images.camera == k
+    if stated is not None:
+        u = np.full(len(stated.intrinsics), np.inf if u_px is None else u_px)
+        if u_px:
+            u[4:] = np.inf
+        return stated, u
+    if not all(is_flat[b] for b in np.unique(images.board[rows])):
+        raise InputError("a board that is not flat needs the camera's intrinsics", hint="state the camera's file")
+    pixels = images.pixels[rows]
+    at_least = (np.ceil(np.nanmax(pixels, axis=(0, 2))).astype(int) + 1).tolist()
+    lens = guess_lens(images.corners_of_images[rows], pixels, size or at_least)
+    return lens, np.full(len(lens.intrinsics), np.inf)

@@ -1,0 +1,187 @@
+"""Poses of boards that images show beside the joints, as one reading each, with errors that belong together.
+
+*Eye to hand*: the reference's frame is that of the camera, and the board is on the flange. *Eye in hand*: the frame is
+that of the board, from its middle, and the camera is on the flange. So what stands, a camera or a board, is a frame of
+readings, and what the flange carries, a board or a camera, is a tip. All of these tips are one point of the flange: the
+middle of the boards on it and, of a camera, of the point on its axis as far away as boards usually were, where its
+position and tilt are known best.
+
+An image has six residuals, not two for each corner: its corners determine a pose, with the covariance that they give
+it, and what the arm does that no term describes moves all of them together. To first order in the cameras' intrinsics
+and the sizes of the boards that is the same as all pixels at once, with the arm's own errors beside them. Images of one
+reading share the arm's error: each has as many times its variance as there are images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truearm.arm import Arm
+from truearm.arm.rigid_motions import cross_matrix
+from truearm.identification.estimation.common_errors import settled_pose_errors
+from truearm.readings import Session
+from truearm.readings.pose_errors import PoseErrors
+from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
+from truearm.wings.camera.closed_form import inverse, motion
+from truearm.wings.camera.images import Adjustment, Images, adjust
+
+# Rounds in which the arm and the cameras are fitted in turn, before the fit of the arm proper.
+ROUNDS = 2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CellPoses:
+    """Poses of boards by images at readings of an arm.
+
+    Attributes
+    ----------
+    readings : Session
+        Angles, and what else is known, of n readings.
+    rows : (m,) int array
+        The readings with an image.
+    images : Images
+        Of these.
+    adjusted : Adjustment
+    in_hand : (k,) bool array
+        Whether each camera is on the flange.
+    T_child_tip : mapping of str to (4, 4) array
+        By the name of what the flange carries, board or camera, the tip in its frame, with the axes of all tips on the
+        nominal arm [mm].
+    lever_mm, arm_std_mm : float
+        See `truearm.readings.pose_errors.PoseErrors`.
+    """
+
+    readings: Session
+    rows: IntArray
+    images: Images
+    adjusted: Adjustment
+    in_hand: BoolArray
+    T_child_tip: dict[str, FloatArray]
+    lever_mm: float = PoseErrors.lever_mm
+    arm_std_mm: float = 0.0
+
+    @property
+    def carried(self) -> tuple[str, ...]:
+        """(m,) what the flange carries of camera and board of every image; the other one stands."""
+        return self._names(self.in_hand[self.images.camera])
+
+    @property
+    def standing(self) -> tuple[str, ...]:
+        """(m,) the other one."""
+        return self._names(~self.in_hand[self.images.camera])
+
+    def _names(self, is_camera: BoolArray) -> tuple[str, ...]:
+        of = self.images
+        both = zip(is_camera.tolist(), of.camera.tolist(), of.board.tolist(), strict=True)
+        return tuple(of.cameras[k] if camera else of.boards[b] for camera, k, b in both)
+
+    def pairs(self) -> Iterator[tuple[str, str, BoolArray]]:
+        """What is carried, what stands, and the images (m,) of both, of every camera with every board that it sees."""
+        carried, standing = np.array(self.carried), np.array(self.standing)
+        for one, other in dict.fromkeys(zip(self.carried, self.standing, strict=True)):
+            yield one, other, (carried == one) & (standing == other)
+
+    @property
+    def T_camera_board(self) -> FloatArray:
+        """(m, 4, 4) poses of the boards' middles [mm]."""
+        return motion(self.adjusted.R, self.adjusted.t)
+
+    def named(self) -> CellPoses:
+        """The same with the names of what stands as sessions of the readings, and of what is carried as tips."""
+        session = self._column(self.readings.session, self.standing)
+        tip = self._column(self.readings.tip, self.carried)
+        return replace(self, readings=replace(self.readings, session=session, tip=tip))
+
+    def _column(self, given: NameArray | None, names: tuple[str, ...]) -> NameArray | None:
+        """A column of the readings as it is given, with the names at the images where there are several."""
+        if len(set(names)) == 1:
+            return given
+        column = np.full(len(self.readings), names[0], object) if given is None else given.astype(object)
+        column[self.rows] = names
+        return column.astype(np.str_)
+
+    @property
+    def n_images(self) -> int:
+        """Number of images, of which one may show several boards."""
+        return len(np.unique(np.stack([self._numbers, self.images.camera]), axis=1).T)
+
+    @property
+    def _numbers(self) -> IntArray:
+        assert self.readings.numbers is not None
+        return self.readings.numbers[self.rows]
+
+    def select(self, which: IntArray) -> CellPoses:
+        """Those of some of the images; what all of them say of the cameras stays."""
+        parts = ("R", "t", "residuals", "covariance", "by_unknown")
+        some = replace(self.adjusted, **{name: getattr(self.adjusted, name)[which] for name in parts})
+        return replace(self, rows=self.rows[which], images=self.images.rows(which), adjusted=some)
+
+    def tips(self) -> tuple[FloatArray, FloatArray]:
+        """(m, 4, 4) poses of the tip in what stands [mm], and by those of the board in the camera (m, 6, 6)."""
+        in_hand = self.in_hand[self.images.camera][:, None, None]
+        seen = self.T_camera_board
+        T_child_tip = np.stack([self.T_child_tip[name] for name in self.carried])
+        T = np.where(in_hand, inverse(seen), seen) @ T_child_tip
+        # Where the tip is that is carried, from the origin of what moves: the board's, or the camera's board.
+        apart = np.where(in_hand[:, 0], T_child_tip[:, :3, 3] - seen[:, :3, 3], 0.0)
+        lever = (seen[:, :3, :3] @ T_child_tip[:, :3, 3:])[:, :, 0]
+        by_pose = np.tile(np.eye(6), (len(T), 1, 1))
+        by_pose[:, :3, 3:] = -cross_matrix(lever)
+        back = seen[:, :3, :3].transpose(0, 2, 1)
+        of_camera = np.zeros((len(T), 6, 6))
+        of_camera[:, :3, :3] = of_camera[:, 3:, 3:] = -back
+        of_camera[:, :3, 3:] = back @ cross_matrix(apart)
+        return T, np.where(in_hand, of_camera, by_pose)
+
+    def session(self) -> Session:
+        """The readings with the poses as points and quaternions, and their errors."""
+        T, by_pose = self.tips()
+        covariance = by_pose @ self.adjusted.covariance @ by_pose.transpose(0, 2, 1)
+        covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
+        std = np.sqrt(np.diagonal(covariance[:, :3, :3], axis1=1, axis2=2))
+        own = self.arm_std_mm * np.repeat([1.0, 1.0 / self.lever_mm], 3)
+        shared = self._images_of_the_reading() - 1
+        n, a = len(self.readings), self.adjusted.by_unknown.shape[2]
+        errors = PoseErrors(
+            covariance=self._at_rows(covariance + shared[:, None, None] * np.diag(own**2), np.zeros((n, 6, 6))),
+            by_common=self._at_rows(by_pose @ self.adjusted.by_unknown, np.zeros((n, 6, a))),
+            common=self.images.names,
+            root=self.adjusted.root,
+            offset=self.adjusted.offset,
+            lever_mm=self.lever_mm,
+            arm_std_mm=self.arm_std_mm,
+        )
+        quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
+        return replace(
+            self.readings,
+            points=self._at_rows(T[:, :3, 3], np.full((n, 3), np.nan)),
+            point_std=self._at_rows(std, np.full((n, 3), np.nan)),
+            quaternion=self._at_rows(quaternion, np.full((n, 4), np.nan)),
+            pose_errors=errors,
+        )
+
+    def _images_of_the_reading(self) -> IntArray:
+        """(m,) number of images of the reading of every image."""
+        _, which, n = np.unique(self._numbers, return_inverse=True, return_counts=True)
+        return np.asarray(n[which])
+
+    def _at_rows(self, values: FloatArray, of_all: FloatArray) -> FloatArray:
+        of_all[self.rows] = values
+        return of_all
+
+    def settled(self, arm: Arm, free: tuple[str, ...]) -> CellPoses:
+        """The same about the cameras that arm and images show together, with the sizes of the arm's own errors."""
+        poses = self
+        for _ in range(ROUNDS):
+            common, lever, std = settled_pose_errors(poses.session(), arm, free, poses.lever_mm)
+            poses = replace(poses.about(poses.adjusted.unknowns + common), lever_mm=lever, arm_std_mm=std)
+        return poses
+
+    def about(self, unknowns: FloatArray) -> CellPoses:
+        """The same with other intrinsics and sizes."""
+        adjusted = adjust(self.images, self.adjusted.R, self.adjusted.t, unknowns, keep=True)
+        return replace(self, adjusted=adjusted)
