@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.errors import InputError
-from truearm.files.extra_packages import extra_module
+from truearm.errors import InputError, extra_module
 from truearm.readings.columns import ANGLE
 from truearm.typing import FloatArray
 from truearm.wings.exports.targets import TargetDirection

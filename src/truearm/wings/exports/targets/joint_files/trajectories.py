@@ -10,7 +10,7 @@ import numpy as np
 
 from truearm.arm import Arm
 from truearm.errors import InputError
-from truearm.files.yaml_reader import YamlNode, parse_yaml
+from truearm.files.foreign_documents import YamlNode, parse_yaml
 from truearm.typing import FloatArray
 from truearm.wings.exports.targets import TargetDirection
 from truearm.wings.exports.targets.joint_files.joint_file import (
