@@ -21,10 +21,10 @@ from benchmarks.held_out import (
 )
 from benchmarks.rows import RowResult, Rows
 from truearm.arm import load_arm
+from truearm.arm.arm import LinkMasses
 from truearm.arm.chain import Chain
-from truearm.arm.masses import LinkMasses
 from truearm.identification.terms import uniform_links
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms.links import link_vectors
 from truearm.models import PhysicalModel
 from truearm.models.identified_model import IdentifiedModel
 from truearm.readings import Session

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import truearm as ta
 from benchmarks.mistakes import mistake, right
 from truearm.arm.chain import Chain
-from truearm.identification.terms.gravity import gravity_torques, uniform_links
+from truearm.identification.terms.links import gravity_torques, uniform_links
 from truearm.readings import Session
 from truearm.typing import FloatArray
 

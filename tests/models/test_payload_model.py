@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truearm.arm.arm import Arm
+from truearm.arm.arm import Arm, LinkMasses
 from truearm.arm.chain import Chain
-from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.propagation import half_tip_difference
 from truearm.identification.terms import ArmState, GravityTorque, Term
 from truearm.identification.terms.basis import PayloadTorque
-from truearm.identification.terms.gravity import gravity_torques
+from truearm.identification.terms.links import gravity_torques
 from truearm.models import PhysicalModel, load_model
 from truearm.readings import Session, read_session, write_session
 from truearm.verbs.inputs import payload_findings

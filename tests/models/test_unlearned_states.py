@@ -9,7 +9,7 @@ from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms import candidate_terms, link_vectors
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import COLUMN_STD, HYSTERESIS_STD, unlearned_terms
-from truearm.identification.terms.thermal import UNKNOWN_MATERIAL
+from truearm.identification.terms.links import UNKNOWN_MATERIAL
 from truearm.models import KinematicModel, PhysicalModel, load_model
 from truearm.readings import Session
 from truearm.verbs.predict import predict

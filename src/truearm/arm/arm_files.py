@@ -48,10 +48,9 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from truearm.arm.arm import Arm
+from truearm.arm.arm import Arm, LinkMasses, PointMass, combine_point_masses
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import DHTable, Kind, chain_from_dh, dh_table, mdh_table, row_end_frames
-from truearm.arm.masses import LinkMasses, PointMass, combine_point_masses
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
 from truearm.arm.ur_kinematics import read_ur_kinematics
 from truearm.arm.urdf import read_urdf, write_urdf

@@ -20,9 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.arm.arm import Arm
+from truearm.arm.arm import Arm, PointMass, combine_point_masses
 from truearm.arm.chain import Chain
-from truearm.arm.masses import PointMass, combine_point_masses
 from truearm.arm.rigid_motions import screw_z, xyz_rpy_from_frame
 from truearm.arm.urdf_tree import MM_PER_M, MOVING, UrdfJoint, UrdfTree, named
 from truearm.errors import InputError

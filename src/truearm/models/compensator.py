@@ -37,7 +37,7 @@ from truearm.identification.references.session_frames import (
 )
 from truearm.identification.references.tips import check_tips
 from truearm.identification.terms import ArmState
-from truearm.identification.terms.thermal import UNKNOWN_MATERIAL, link_vectors
+from truearm.identification.terms.links import UNKNOWN_MATERIAL, link_vectors
 from truearm.models.arm_check import (
     check_has_kinematics,
     check_readings_of,

@@ -1,6 +1,5 @@
 """Nonlinear least squares and evidence, assembled from parts; independent of arms and networks."""
 
-from truearm.solve.damping import MarquardtDamping, NielsenDamping, StepHalving
 from truearm.solve.least_squares import (
     UNSOLVED,
     RowsResult,
@@ -9,7 +8,14 @@ from truearm.solve.least_squares import (
     levenberg_marquardt,
     levenberg_marquardt_by_row,
 )
-from truearm.solve.least_squares_problem import DenseProblem, KnownStep, NormalEquations
+from truearm.solve.least_squares_problem import (
+    DenseProblem,
+    KnownStep,
+    MarquardtDamping,
+    NielsenDamping,
+    NormalEquations,
+    StepHalving,
+)
 from truearm.solve.stop_criteria import (
     BestPoint,
     CostConverged,

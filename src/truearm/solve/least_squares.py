@@ -16,8 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.errors import TruearmError
-from truearm.solve.damping import Damping, MarquardtDamping, NielsenDamping, StepHalving
-from truearm.solve.least_squares_problem import Cost, Linearisation, NormalEquations, Problem
+from truearm.solve.least_squares_problem import (
+    Cost,
+    Damping,
+    Linearisation,
+    MarquardtDamping,
+    NielsenDamping,
+    NormalEquations,
+    Problem,
+    StepHalving,
+)
 from truearm.solve.stop_criteria import (
     CostConverged,
     MaxEpochs,

@@ -11,7 +11,7 @@ import numpy as np
 from truearm.typing import FloatArray
 
 if TYPE_CHECKING:
-    from truearm.solve.damping import Damping
+    from truearm.solve.least_squares_problem import Damping
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import FEW, PerturbedChain
 from truearm.identification.terms import ArmState, Constant, GravityTorque, Harmonics, Term, candidate_terms
-from truearm.identification.terms.gravity import gravity_loads, uniform_links
+from truearm.identification.terms.links import gravity_loads, uniform_links
 
 MANY = 3 * FEW
 # Of tips a metre away, double precision.

@@ -20,7 +20,7 @@ from truearm.identification.judgement.description_check import (
 )
 from truearm.identification.judgement.description_fits import fit_descriptions, fixed_motions
 from truearm.identification.references.reference_table import reference_table
-from truearm.identification.terms.gravity import gravity_torques, uniform_links
+from truearm.identification.terms.links import gravity_torques, uniform_links
 from truearm.readings import Session
 
 ARM = load_arm("gao2017")

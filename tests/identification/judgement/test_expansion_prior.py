@@ -14,7 +14,7 @@ from truearm.identification.judgement.expansion_prior import _likelihood, _mixtu
 from truearm.identification.judgement.thermal_lag import N_DRIFTS, LinkHistory
 from truearm.identification.terms import ArmState, Constant, Term
 from truearm.identification.terms.basis import Temperature
-from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL, Material
+from truearm.identification.terms.links import MATERIALS, UNKNOWN_MATERIAL, Material
 
 
 def mixture(information, right, shares):

@@ -10,7 +10,7 @@ from truearm.arm import load_arm
 from truearm.identification.judgement.expansion_prior import LAG_K
 from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
 from truearm.identification.terms.basis import Temperature
-from truearm.identification.terms.thermal import MATERIALS
+from truearm.identification.terms.links import MATERIALS
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.readings import Session
 from truearm.wings.planning.virtual import VirtualArm, load_preset

@@ -10,8 +10,7 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.terms import ArmState, LinkMasses, PayloadTorque, basis_from_data, gravity_torques
 from truearm.identification.terms.catalogue import PAYLOAD_COMPLIANCE, candidate_terms, payload_terms, unlearned_terms
-from truearm.identification.terms.gravity import STANDARD_GRAVITY, loads_per_kg_at_tip
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms.links import STANDARD_GRAVITY, link_vectors, loads_per_kg_at_tip
 from truearm.readings.session import Session
 
 # N m, of torques up to some ten: rounding.

@@ -19,7 +19,7 @@ from truearm.identification.references.session_frames import in_one_frame, sessi
 from truearm.identification.references.tips import further_tip_terms, tip_names
 from truearm.identification.terms import constants
 from truearm.identification.terms.catalogue import relative_size
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms.links import link_vectors
 from truearm.readings.session import Session
 from truearm.typing import FloatArray
 

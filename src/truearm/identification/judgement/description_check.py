@@ -34,7 +34,7 @@ from truearm.errors import InputError
 from truearm.identification.judgement.description_fits import DescriptionFits, fit_descriptions, length_rows
 from truearm.identification.references.reference_table import ReferenceTable, reference_table
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, TYPICAL_REACH_MM, relative_size
-from truearm.identification.terms.gravity import gravity_torques, uniform_links
+from truearm.identification.terms.links import gravity_torques, uniform_links
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray

@@ -42,9 +42,9 @@ from truearm.identification.judgement.thermal_lag import (
     most_lag_K,
 )
 from truearm.identification.terms.basis import Constant, Temperature
+from truearm.identification.terms.links import MATERIALS, UNKNOWN_MATERIAL
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.identification.terms.thermal import MATERIALS, UNKNOWN_MATERIAL
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import BoolArray, FloatArray, IntArray
 

@@ -33,7 +33,7 @@ from truearm.identification.estimation.residual_variance import LEAST_FREEDOM
 from truearm.identification.judgement.description_check import VERY_STRONG
 from truearm.identification.references.references import Reference
 from truearm.identification.terms.catalogue import LENGTHS
-from truearm.identification.terms.thermal import link_vectors
+from truearm.identification.terms.links import link_vectors
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Measurements
 from truearm.typing import FloatArray, IntArray

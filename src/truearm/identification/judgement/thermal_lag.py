@@ -30,8 +30,8 @@ import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms.catalogue import relative_size
+from truearm.identification.terms.links import link_temperatures
 from truearm.identification.terms.state import ArmState
-from truearm.identification.terms.thermal import link_temperatures
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray, IntArray, NameArray
 

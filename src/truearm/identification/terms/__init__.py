@@ -4,7 +4,7 @@ Virtual arms draw the coefficients of terms from their priors; identification es
 (`truearm.identification.terms.catalogue`) has the terms of the known causes.
 """
 
-from truearm.arm.masses import LinkMasses
+from truearm.arm.arm import LinkMasses
 from truearm.identification.terms.basis import (
     Basis,
     Column,
@@ -31,11 +31,17 @@ from truearm.identification.terms.catalogue import (
     place_name,
 )
 from truearm.identification.terms.expression import Expression
-from truearm.identification.terms.gravity import GravityLoads, gravity_loads, gravity_torques, uniform_links
 from truearm.identification.terms.kernel import InducedProcess
+from truearm.identification.terms.links import (
+    GravityLoads,
+    gravity_loads,
+    gravity_torques,
+    growth_motions,
+    link_vectors,
+    uniform_links,
+)
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import SkippedTerm, Term
-from truearm.identification.terms.thermal import growth_motions, link_vectors
 
 __all__ = [
     "FREE_BASE",

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from truearm.arm.arm import LinkMasses
 from truearm.arm.chain import Chain
-from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
 from truearm.identification.terms.basis import (
     AXES,
@@ -27,9 +27,9 @@ from truearm.identification.terms.basis import (
 )
 from truearm.identification.terms.expression import Expression
 from truearm.identification.terms.linear_axis import linear_axis
+from truearm.identification.terms.links import link_vectors
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import SkippedTerm, Term, bands, determined_orders, orders_name
-from truearm.identification.terms.thermal import link_vectors
 from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray
 

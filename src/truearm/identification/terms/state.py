@@ -10,11 +10,10 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
+from truearm.arm.arm import Arm, LinkMasses
 from truearm.arm.chain import Chain
-from truearm.arm.masses import LinkMasses
 from truearm.errors import InputError
-from truearm.identification.terms.gravity import (
+from truearm.identification.terms.links import (
     STANDARD_GRAVITY,
     STANDARD_GRAVITY_IN_BASE,
     GravityLoads,

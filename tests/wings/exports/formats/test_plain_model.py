@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from refusals import refuses
-from truearm.arm.masses import LinkMasses
+from truearm.arm.arm import LinkMasses
 from truearm.identification.terms import Expression
-from truearm.identification.terms.gravity import gravity_torques
+from truearm.identification.terms.links import gravity_torques
 from truearm.wings.exports.formats.plain_model import PlainModel, plain_model
 
 

@@ -7,7 +7,7 @@ import pytest
 from forward_model import PlainArm
 
 from truearm.arm import load_arm
-from truearm.arm.masses import LinkMasses
+from truearm.arm.arm import LinkMasses
 from truearm.wings.planning.virtual import PRESETS, VirtualArm
 from truearm.wings.planning.virtual.error_model import GROUPS, error_model
 from truearm.wings.planning.virtual.state import link_masses

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from refusals import refuses
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.identification.terms.thermal import link_temperatures
+from truearm.identification.terms.links import link_temperatures
 from truearm.wings.planning.virtual import PRESETS, Preset, VirtualArm, load_preset, magnitudes
 from truearm.wings.planning.virtual.error_model import beam, eccentric_reading
 from truearm.wings.planning.virtual.presets import ARCSEC

@@ -19,7 +19,7 @@ from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
 from truearm.identification.estimation.extrapolation import Extrapolation
 from truearm.identification.terms import Expression, link_vectors
-from truearm.identification.terms.thermal import UNKNOWN_MATERIAL
+from truearm.identification.terms.links import UNKNOWN_MATERIAL
 from truearm.models import Compensator
 from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import Session

@@ -17,7 +17,7 @@ from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, directions
-from truearm.identification.terms.thermal import link_temperatures
+from truearm.identification.terms.links import link_temperatures
 from truearm.readings import PointErrors, Session, point_errors
 from truearm.typing import FloatArray
 from truearm.wings.planning.designs.planned_readings import checked_seed

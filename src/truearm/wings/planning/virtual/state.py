@@ -12,7 +12,7 @@ from truearm.arm import Arm, Chain
 from truearm.errors import InputError
 from truearm.identification.terms import ArmState, LinkMasses, uniform_links
 from truearm.identification.terms.basis import AXES
-from truearm.identification.terms.gravity import STANDARD_GRAVITY
+from truearm.identification.terms.links import STANDARD_GRAVITY
 from truearm.typing import FloatArray
 from truearm.wings.planning.virtual.presets import ARCSEC, Preset
 
