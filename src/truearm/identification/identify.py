@@ -387,10 +387,7 @@ def identify_physical(
     elif readings.robust:
         start = _from_constants(readings, start)
     if (simpler := start.arm) is not None:
-        # What a joint bends by its torque looks like a gain where it leans from upright.
-        compliance = (term for term in terms if term.group == JOINT_COMPLIANCE)
-        absorbed = [*constants(readings.state.chain, free=readings.free), *compliance]
-        terms += gains_asked(simpler, readings.state, readings.references, absorbed)
+        terms += _gains_beside(terms, simpler, readings)
     estimate = partial(estimate_without_gross_errors, readings, start=start, progress=progress)
     everything, process = estimate(terms), None
     if everything.fit.residual_freedom(readings.references) < LEAST_FREEDOM:
@@ -560,6 +557,14 @@ def what_may_change(
     return with_shared_error(fit, scale)
 
 
+def _gains_beside(terms: Sequence[Term], simpler: IdentificationResult, readings: PreparedReadings) -> list[Term]:
+    """Gains of joints that the readings ask for, beside what other terms explain."""
+    # What a joint bends by its torque looks like a gain where it leans from upright.
+    compliance = (term for term in terms if term.group == JOINT_COMPLIANCE)
+    absorbed = [*constants(readings.state.chain, free=readings.free), *compliance]
+    return gains_asked(simpler, readings.state, readings.references, absorbed)
+
+
 def _concluded(
     readings: PreparedReadings,
     found: Found,
@@ -583,8 +588,7 @@ def _concluded(
         added = added_covariance(fit, wider, readings.state)
         known = with_covariance(kept, added)
     rest = unexplained(missing or fit, known, readings.state.angles)
-    used = np.ones(len(readings), dtype=bool)
-    used[excluded_readings(fit)] = False
+    used = ~np.isin(np.arange(len(readings)), excluded_readings(fit))
     birge = birge_ratio(fit.references, kept.rows, rest.residual_std_mm)
     # Few residuals determine the noise only roughly.
     freedom = fit.residual_freedom(readings.references)
@@ -620,13 +624,18 @@ def _concluded(
         process,
         scale,
         judged,
-        (
-            *identified_gains(whole),
-            *signs_not_shown(whole),
-            *what_tips_show(whole, readings.tips),
-            *unlike_stated_uncertainty(as_stated(whole, readings.references)),
-            *(() if scale is None else scale.findings(readings.arm)),
-        ),
+        _findings(whole, readings, scale),
+    )
+
+
+def _findings(arm: IdentificationResult, readings: PreparedReadings, scale: LengthScale | None) -> tuple[Finding, ...]:
+    """What a person must know of an identified arm."""
+    return (
+        *identified_gains(arm),
+        *signs_not_shown(arm),
+        *what_tips_show(arm, readings.tips),
+        *unlike_stated_uncertainty(as_stated(arm, readings.references)),
+        *(() if scale is None else scale.findings(readings.arm)),
     )
 
 

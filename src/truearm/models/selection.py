@@ -10,7 +10,7 @@ decide nothing. A reading that a model takes for a gross error counts all the sa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, NamedTuple, TypeAlias
@@ -156,11 +156,7 @@ def select_model(
 
     if not len(nominal.held_out_.rows):
         return _selection(nominal, nominal, readings, nominal=nominal, changes=_changes(nominal, readings))
-    models: dict[str, IdentifiedModel] = {"nominal": nominal}
-    options: dict[str, dict[str, Any]] = {"physical": {"residual": residual, "terms": terms}}
-    for name, kind in CANDIDATES.items():
-        model = kind(nominal.arm, free=nominal.free, **options.get(name, {}))
-        models[name] = model.learn(readings, progress=report(name, len(models)), nominal=list(models.values())[-1])
+    models = _fitted_arms(nominal, readings, report, residual=residual, terms=terms)
     compared: dict[str, SelectedModel] = {**models}
     hybrid, arm_model = HybridModel(nominal.arm, free=nominal.free), models["kinematic"]
     changes = _changes(list(models.values())[-1], readings)
@@ -173,6 +169,17 @@ def select_model(
     return _selection(
         compared[kept], shows, readings, nominal=nominal, table=table, why_no_hybrid=why_no_hybrid, changes=changes
     )
+
+
+def _fitted_arms(
+    nominal: NominalModel, readings: TrainingReadings, report: Callable[[str, int], Progress], **of_physical: Any
+) -> dict[str, IdentifiedModel]:
+    """The nominal model and the candidates by their names, each fitted beside the one before it."""
+    models: dict[str, IdentifiedModel] = {"nominal": nominal}
+    for name, kind in CANDIDATES.items():
+        model = kind(nominal.arm, free=nominal.free, **(of_physical if name == "physical" else {}))
+        models[name] = model.learn(readings, progress=report(name, len(models)), nominal=list(models.values())[-1])
+    return models
 
 
 def fit_chosen(

@@ -127,27 +127,28 @@ def gradient_descent(
             callback(state)
         return state
 
-    x = np.array(start, dtype=float)
-    cost, gradient = problem.gradient(x)
-    if not np.isfinite(cost):
-        raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
-    norm, step = float(np.linalg.norm(gradient)), -rate.start * gradient
-    state = judged(
-        DescentState(
-            epoch=0,
-            x=x,
-            cost=cost,
-            previous_cost=np.inf,
-            gradient_norm=norm,
-            seconds=0.0,
-            gradient=gradient,
-            rate=rate.start,
-            step=step,
-        )
-    )
+    state = judged(_at_start(problem, np.array(start, dtype=float), rate))
     while state.reason is None:
         state = judged(_after_another_epoch(problem, state, rate))
     return state
+
+
+def _at_start(problem: DifferentiableProblem, x: FloatArray, rate: LearningRate) -> DescentState:
+    """The state before the first epoch; its time is not yet known."""
+    cost, gradient = problem.gradient(x)
+    if not np.isfinite(cost):
+        raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
+    return DescentState(
+        epoch=0,
+        x=x,
+        cost=cost,
+        previous_cost=np.inf,
+        gradient_norm=float(np.linalg.norm(gradient)),
+        seconds=0.0,
+        gradient=gradient,
+        rate=rate.start,
+        step=-rate.start * gradient,
+    )
 
 
 def _after_another_epoch(problem: DifferentiableProblem, before: DescentState, rate: LearningRate) -> DescentState:

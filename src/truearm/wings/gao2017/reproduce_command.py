@@ -66,15 +66,10 @@ def reproduce(
     """
     if readings is not None:
         options.refuse_typed(context, OF_PAPER, "does not go with --session: it is of the paper's own arm")
-        search: dict[str, Any] = {
-            "hidden": tuple(map(layer_sizes, hidden or ())),
-            "trainer": tuple(trainer or ("varpro",)),
-            "goal": tuple(goal or (0.0,)),
-            "learning_rate": tuple(learning_rate or ()),
-            "epochs": epochs,
-            "folds": folds,
-            "seed": seed,
-        }
+        search: dict[str, Any] = {"hidden": tuple(map(layer_sizes, hidden or ())), "trainer": trainer or ("varpro",)}
+        search |= {"goal": goal or (0.0,), "learning_rate": learning_rate or ()}
+        search = {name: tuple(values) for name, values in search.items()}
+        search |= {"epochs": epochs, "folds": folds, "seed": seed}
         _run(verb, paper, out, {**given, "readings": readings, "test": test, **search}, as_json=as_json)
         return
     options.refuse_typed(context, OF_READINGS, "applies to --session only")

@@ -110,17 +110,17 @@ def arm_from_circles(
         depends, is_base_measured = _depends_on(failed, estimated.axes, convention)
         std = np.where(depends, np.nan, std)
     n_points = len(np.unique(np.concatenate([circle.rows for circle in circles])))
-    at_joint_1 = replace(table, base=np.eye(4))
+    at_joint_1, accepted = replace(table, base=np.eye(4)), acceptance_remarks(accept)
     arm = Arm(
         name,
         at_joint_1.chain(),
         title="measured by the circles of its joints" + _but(failed, std, is_base_measured=is_base_measured),
         working_pose=estimated.axes.pose,
-        source="; ".join([_source(given, n_points, len(circles), estimated), *acceptance_remarks(accept)]),
+        source="; ".join([_source(given, n_points, len(circles), estimated), *accepted]),
         serial_number=serial_number_of(given),
         table=at_joint_1,
     )
-    remarks = [*acceptance_remarks(accept), *map(str, unfilled_rows(given)), *said]
+    remarks = [*accepted, *map(str, unfilled_rows(given)), *said]
     if unused := len(given) - n_points:
         remarks.append(f"{number_of(unused)} in no circle, ignored.")
     return CircleArm(arm, table, std, circles, estimated, failed, n_points, tuple(remarks), is_base_measured)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -64,15 +65,9 @@ def simulate(
     from truearm.arm.catalogue import arm_path
 
     if instrument is not None:
-        does_not_apply = ({*STATED_BY_A_PLAN} - {"poses"}) | {"plan", "out_lengths", "artefacts", "moved"}
-        options.refuse_typed(context, does_not_apply, "does not apply to --instrument")
-        shown = {"poses": given["poses"]} if "poses" in options.typed_options(context) else {}
-        shown |= {name: given[name] for name in ("preset", "seed", "arm_seed")} | ({"board": board} if board else {})
-        with progress(f"taking images with a {instrument}") as step:
-            record, files = _instrument(instrument)(
-                arm, out, instrument=instrument, force=force, progress=step, **shown
-            )
-        print_record(record, as_json=as_json, files=files)
+        draws = {name: given[name] for name in ("preset", "seed", "arm_seed")} | ({"board": board} if board else {})
+        draws |= {"poses": given["poses"]} if "poses" in options.typed_options(context) else {}
+        _take_images(context, arm, out, instrument, draws, force=force, as_json=as_json)
         return
     options.refuse_typed(context, ("board",), "applies to --instrument only")
     if plan is not None:
@@ -132,3 +127,21 @@ def _rehearse(
         written = None if result.lengths is None else beside
         result.save(out, lengths=written)
     return result, {"session": out, "lengths": written}
+
+
+def _take_images(
+    context: typer.Context,
+    arm: str,
+    out: Path,
+    instrument: str,
+    draws: Mapping[str, Any],
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Measure with a camera: images in place of the points of a tracker."""
+    does_not_apply = ({*STATED_BY_A_PLAN} - {"poses"}) | {"plan", "out_lengths", "artefacts", "moved"}
+    options.refuse_typed(context, does_not_apply, "does not apply to --instrument")
+    with progress(f"taking images with a {instrument}") as step:
+        record, files = _instrument(instrument)(arm, out, instrument=instrument, force=force, progress=step, **draws)
+    print_record(record, as_json=as_json, files=files)

@@ -55,10 +55,7 @@ def arms(
     With --from-circles: an arm without a drawing, measured by the circles that its joints describe one by one.
     Exit code 1: a joint is not measured, and the arm file marks it.
     """
-    from truearm.arm import write_arm
-    from truearm.arm.catalogue import arm_path
     from truearm.verbs.inputs import is_model_file
-    from truearm.wings.reports.arms import catalogue, describe_arm
 
     if circles_plan is None:
         options.refuse_typed(context, ("points", "span", "noise"), "applies to --circles-plan only")
@@ -85,12 +82,30 @@ def arms(
         return
     if search and arm:
         raise InputError("--search needs no name of an arm", hint=f"truearm arms --search '{search}'")
-    if not arm:
-        if out is not None or page is not None:
-            option, file = ("--page", "arm.html") if out is None else ("--out", "my-arm.toml")
-            raise InputError(f"{option} needs the name of an arm", hint=f"truearm arms gao2017 {option} {file}")
-        print_record(catalogue(search), as_json=as_json)
-        return
+    if arm:
+        _describe(arm, out, page, convention, force=force, as_json=as_json)
+    else:
+        _list(search, out, page, as_json=as_json)
+
+
+def _list(search: str, out: Path | None, page: Path | None, *, as_json: bool) -> None:
+    from truearm.wings.reports.arms import catalogue
+
+    if out is not None or page is not None:
+        option, file = ("--page", "arm.html") if out is None else ("--out", "my-arm.toml")
+        raise InputError(f"{option} needs the name of an arm", hint=f"truearm arms gao2017 {option} {file}")
+    print_record(catalogue(search), as_json=as_json)
+
+
+def _describe(
+    arm: str, out: Path | None, page: Path | None, convention: Convention, *, force: bool, as_json: bool
+) -> None:
+    """Print an arm, or write it to a file."""
+    from truearm.arm import write_arm
+    from truearm.arm.catalogue import arm_path
+    from truearm.verbs.inputs import is_model_file
+    from truearm.wings.reports.arms import describe_arm
+
     if out is not None and is_model_file(arm):
         raise InputError(
             "the constants of a model mean little without its other terms",

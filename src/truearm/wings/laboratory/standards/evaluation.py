@@ -69,29 +69,13 @@ def exchanged_bars(
     (str, str, float) or None
         The bar that the points name, the one whose certificate fits, and the odds.
     """
-    corrected = specification.corrected_to_20_degC
     of_bar: dict[str, list[LengthMeasurement]] = {}
     for one in lengths:
         of_bar.setdefault(one.bar.name, []).append(one)
 
     def deviations(measured: Sequence[LengthMeasurement], other: CalibratedBar) -> FloatArray | None:
-        """Mean deviation at each position as named, and by the other certificate (n, 2) [mm]; None: other lengths.
-
-        Where the other bar was not measured, in units of half the limit; None without a limit.
-        """
-        places: dict[str, list[tuple[float, float]]] = {}
-        for one in measured:
-            there = _same_nominal(one.length, other)
-            limit = specification.limit(symbol, one.length.length_mm)
-            unit = 1.0 if other.name in of_bar else (limit or 0.0) / 2
-            unaligned = opposite and other.u_alignment_mm is None and one.bar.u_alignment_mm is not None
-            if there is None or not unit or unaligned:
-                return None
-            both = (one, replace(one, bar=other, length=there))
-            own, fits = (each.error(opposite=opposite, corrected=corrected) for each in both)
-            sign = np.sign(there.length_mm - one.length.length_mm)  # lengths may differ either way
-            places.setdefault(one.position, []).append((sign * own / unit, sign * fits / unit))
-        return np.array([np.mean(at, axis=0) for at in places.values()])
+        in_limits = None if other.name in of_bar else symbol
+        return _deviations_by(other, measured, specification, in_limits, opposite=opposite)
 
     best: tuple[str, str, float] | None = None
     for name, measured in of_bar.items():
@@ -107,6 +91,32 @@ def exchanged_bars(
             if odds >= ODDS and (best is None or odds > best[2]):
                 best = name, other.name, odds
     return best
+
+
+def _deviations_by(
+    other: CalibratedBar,
+    measured: Sequence[LengthMeasurement],
+    specification: Specification,
+    in_limits: str | None,
+    *,
+    opposite: bool,
+) -> FloatArray | None:
+    """Mean deviation at each position as named, and by another certificate (n, 2) [mm]; None: other lengths.
+
+    With the symbol of a limit, in units of half of it; None where there is none.
+    """
+    places: dict[str, list[tuple[float, float]]] = {}
+    for one in measured:
+        there = _same_nominal(one.length, other)
+        unit = 1.0 if in_limits is None else (specification.limit(in_limits, one.length.length_mm) or 0.0) / 2
+        unaligned = opposite and other.u_alignment_mm is None and one.bar.u_alignment_mm is not None
+        if there is None or not unit or unaligned:
+            return None
+        both = (one, replace(one, bar=other, length=there))
+        own, fits = (each.error(opposite=opposite, corrected=specification.corrected_to_20_degC) for each in both)
+        sign = np.sign(there.length_mm - one.length.length_mm)  # lengths may differ either way
+        places.setdefault(one.position, []).append((sign * own / unit, sign * fits / unit))
+    return np.array([np.mean(at, axis=0) for at in places.values()])
 
 
 def _same_nominal(length: CalibratedLength, other: CalibratedBar) -> CalibratedLength | None:

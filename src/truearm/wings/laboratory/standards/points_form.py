@@ -165,11 +165,7 @@ def fill_points_form(
     same = {SERIAL_NUMBER: serial_number, ACCEPTED: accepted, **origin.cells}
     for at, (row, point) in enumerate(zip(rows.tolist(), points.tolist(), strict=True)):
         form.enter_point(row, point, day, artefact_degC)
-        for name, text in same.items():
-            if text:
-                form.enter(row, name, escape_formula(text))
-        if outside is not None:
-            form.enter(row, OUTSIDE, str(int(outside[at])))
+        form.enter_texts(row, same if outside is None else {**same, OUTSIDE: str(int(outside[at]))})
     form.write()
     return len(rows)
 
@@ -304,6 +300,12 @@ class _Form:
             self.enter(row, "date", day.isoformat())
         if artefact_degC is not None and self._lacks_temperature(row):
             self.enter_number(row, TEMPERATURE, f"{artefact_degC:g}")
+
+    def enter_texts(self, row: int, texts: Mapping[str, str]) -> None:
+        """Write texts, by their columns; an empty one leaves the cell."""
+        for name, text in texts.items():
+            if text:
+                self.enter(row, name, escape_formula(text))
 
     def rows_of(self, points: FloatArray) -> IntArray:
         """The rows without coordinates that points (k, 3) fill in; refuses other points than the planned ones."""

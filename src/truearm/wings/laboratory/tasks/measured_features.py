@@ -180,34 +180,21 @@ def measure_features(
         feature of that kind.
     """
     _check_groups(kind, groups)
-    sized = QUANTITIES[kind][:1] == ("diameter_mm",)
-    if tip_diameter_mm and not sized:
-        raise InputError(
-            f"a stylus tip changes spheres and bores only; of a {kind} all quantities are those of the tip's centre",
-            hint="leave the tip diameter out; distances of two faces of a block are larger by it, of a slot smaller",
-        )
+    _check_has_size(kind, tip_diameter_mm)
     rows = list(groups.values())
     shapes = [_fit(kind, points[part]) for part in rows]
-    roots = [covariance_factor(shape.covariance).T for shape in shapes]
     given = [shape.parameters for shape in shapes]
     approach = np.zeros(points.shape)
     for part, at in zip(rows, given, strict=True):
         approach[part] = _approach(kind, points[part], at, points.mean(axis=0)) @ errors.R_base_reference.T
     errors = replace(errors, approach=approach)
     measured = _values(kind, given, given, tip_diameter_mm)
-    if sized and (small := measured[:: len(QUANTITIES[kind])][: len(rows)] <= 0).any():
-        name = list(groups)[int(small.argmax())]
-        raise InputError(
-            f"the stylus tip of {tip_diameter_mm:g} mm is larger than the {kind} {name!r}", hint="its diameter in mm"
-        )
+    _check_tip_fits(kind, measured, groups, tip_diameter_mm)
     seeds = np.random.SeedSequence(seed).generate_state(n_arms, np.uint64).tolist()
     drawn = [np.empty((n_arms, len(one))) for one in given]
     variances = np.empty((n_arms, len(shapes)))
     for i, arm_seed in enumerate(seeds):
-        arm, rng = errors.draw(arm_seed), np.random.default_rng([7, arm_seed])
-        off_in_base = arm.systematic(angles) + arm.random(angles, rng)
-        moved = points + off_in_base @ errors.R_base_reference
-        moved += np.einsum("k,knc->nc", rng.standard_normal(len(shared)), shared)
+        moved = _moved_points(points, errors, angles, shared, arm_seed)
         fitted = [_fit(kind, moved[part], like=one) for part, one in zip(rows, given, strict=True)]
         for out, one in zip(drawn, fitted, strict=True):
             out[i] = one.parameters
@@ -215,16 +202,48 @@ def measure_features(
         if progress is not None:
             progress(i + 1, "")
     rest = _unexplained_scatter(np.array([shape.variance for shape in shapes]), variances.mean(axis=0))
+    roots = [share * covariance_factor(shape.covariance).T for share, shape in zip(rest, shapes, strict=True)]
     draws, wide = np.empty((n_arms, len(measured))), np.empty((n_arms, len(measured)))
     for i, arm_seed in enumerate(seeds):
         rng = np.random.default_rng([8, arm_seed])
-        scatter = [
-            _scatter(share * root, shape.freedom, rng) for share, root, shape in zip(rest, roots, shapes, strict=True)
-        ]
+        scatter = [_scatter(root, shape.freedom, rng) for root, shape in zip(roots, shapes, strict=True)]
         for values, which in ((draws, 0), (wide, 1)):
             parameters = [one[i] + off[which] for one, off in zip(drawn, scatter, strict=True)]
             values[i] = _values(kind, parameters, given, tip_diameter_mm)
     return _features(kind, groups, shapes, measured, draws.std(axis=0, ddof=1), wide)
+
+
+def _has_size(kind: str) -> bool:
+    """Whether the first quantity of a feature is a diameter, which a stylus tip changes."""
+    return QUANTITIES[kind][:1] == ("diameter_mm",)
+
+
+def _check_has_size(kind: str, tip_diameter_mm: float) -> None:
+    if tip_diameter_mm and not _has_size(kind):
+        raise InputError(
+            f"a stylus tip changes spheres and bores only; of a {kind} all quantities are those of the tip's centre",
+            hint="leave the tip diameter out; distances of two faces of a block are larger by it, of a slot smaller",
+        )
+
+
+def _check_tip_fits(kind: str, measured: FloatArray, groups: Mapping[str, IntArray], tip_diameter_mm: float) -> None:
+    """Refuse a tip that is larger than a feature; `measured` are the values of all quantities."""
+    if _has_size(kind) and (small := measured[:: len(QUANTITIES[kind])][: len(groups)] <= 0).any():
+        name = list(groups)[int(small.argmax())]
+        raise InputError(
+            f"the stylus tip of {tip_diameter_mm:g} mm is larger than the {kind} {name!r}", hint="its diameter in mm"
+        )
+
+
+def _moved_points(
+    points: FloatArray, errors: PosteriorDistribution, angles: FloatArray, shared: FloatArray, arm_seed: int
+) -> FloatArray:
+    """(n, 3) points as a drawn arm measures them [mm]; see `measure_features`."""
+    arm, rng = errors.draw(arm_seed), np.random.default_rng([7, arm_seed])
+    off_in_base = arm.systematic(angles) + arm.random(angles, rng)
+    moved: FloatArray = points + off_in_base @ errors.R_base_reference
+    moved += np.einsum("k,knc->nc", rng.standard_normal(len(shared)), shared)
+    return moved
 
 
 def _approach(kind: str, points: FloatArray, parameters: FloatArray, middle: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -66,20 +67,13 @@ def certificate(
         _check_reads_only(context)
         _print_read(read, trusted, as_json)
         return
-    for option, other, value in (("logo", "pdf", pdf), ("key", "signer", signer), ("signer", "key", key)):
-        if value is None:
-            options.refuse_typed(context, [option], f"applies to --{other} only", hint=f"add --{other}")
-    options.refuse_typed(context, ["trusted"], "applies to --read only", hint="add --read")
-    files = (plan, points, artefacts, mpe, about, out)
-    for option, file in zip(NEEDED, files, strict=True):
-        if file is None:
-            make = "verify template about > about.toml" if option == "--about" else "certificate --help"
-            raise InputError(f"{option} is missing", hint=f"truearm {make}")
+    _check_pairs(context, {"logo": ("pdf", pdf), "key": ("signer", signer), "signer": ("key", key)})
+    files = _all_given((plan, points, artefacts, mpe, about, out))
     from truearm.wings.laboratory.verbs.certificate import certificate as stated
     from truearm.wings.laboratory.verbs.certificate import check_certificate_paths
     from truearm.wings.laboratory.verbs.verify import verify
 
-    _, measured, of_artefacts, specification, administrative, file_out = (Path(one) for one in files if one is not None)
+    _, measured, of_artefacts, specification, administrative, file_out = files
     inputs = (plan, measured, as_found, of_artefacts, specification, administrative, logo, key, signer)
     check_certificate_paths(file_out, page, pdf, *inputs, force=force)
     signing = None if key is None or signer is None else _signer(key, signer)
@@ -136,3 +130,20 @@ def _signer(key: Path, certificate: Path) -> Signer:
         )
     password = typer.prompt(f"Password of {key}", hide_input=True, err=True) if asked else None
     return read_signer(key, certificate, password=password)
+
+
+def _check_pairs(context: typer.Context, needs: Mapping[str, tuple[str, Path | None]]) -> None:
+    """Refuse options without the one that each of them needs."""
+    for option, (other, value) in needs.items():
+        if value is None:
+            options.refuse_typed(context, [option], f"applies to --{other} only", hint=f"add --{other}")
+    options.refuse_typed(context, ["trusted"], "applies to --read only", hint="add --read")
+
+
+def _all_given(files: Sequence[str | Path | None]) -> list[Path]:
+    """The files of `NEEDED` options; one that is missing is refused."""
+    for option, file in zip(NEEDED, files, strict=True):
+        if file is None:
+            make = "verify template about > about.toml" if option == "--about" else "certificate --help"
+            raise InputError(f"{option} is missing", hint=f"truearm {make}")
+    return [Path(file) for file in files if file is not None]

@@ -250,9 +250,8 @@ def verify(
     >>> result.verdict.value  # nobody has compared the numbers of the plan with the standard
     'not for conformity decisions'
     """
-    files = [Path(one) for one in (points, artefacts, specification) if isinstance(one, str | Path)]
     own_plan = Path(plan) if isinstance(plan, str | Path) and str(plan) not in PLANS else None
-    digests = digests_of(files if own_plan is None else [own_plan, *files])
+    digests = digests_of([Path(f) for f in (own_plan, points, artefacts, specification) if isinstance(f, str | Path)])
     plan, specification = to_plan(plan), to_specification(specification)
     verification = verify_points(
         points if isinstance(points, MeasuredPoints) else read_points(points),

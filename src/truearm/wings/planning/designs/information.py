@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from truearm.errors import InputError
@@ -91,20 +93,12 @@ def design_problem(
     InputError
         If the state is not of the candidates, or noise or uncertainty are not positive numbers.
     """
-    if len(state) != len(candidates.angles):
-        raise InputError(f"expected a state of {len(candidates.angles)} readings, got {len(state)}")
-    if not (np.isfinite(noise_mm) and noise_mm > 0):
-        raise InputError(f"expected a positive noise of a reading in mm, got {noise_mm}")
-    bar = candidates.length_mm is not None
-    if bar and not (np.isfinite(length_u_mm) and length_u_mm > 0):
-        raise InputError(f"expected a positive uncertainty of the bar's length in mm, got {length_u_mm}")
+    _check_problem(candidates, state, noise_mm, length_u_mm)
     tips, jacobian = tip_jacobian(perturbed_chain, state)
     tips_there, jacobian_there = tip_jacobian(perturbed_chain, volume)
     n_seats, seat = _seats(candidates)
-    bars = _bars(candidates, seat, tips)
-    shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
-    # A bar with one shared seat: the length determines the other seat too.
-    shared |= {end for one, other, _ in bars if one in shared or other in shared for end in (one, other)}
+    bars, bar = _bars(candidates, seat, tips), candidates.length_mm is not None
+    shared = _shared_seats(candidates, n_seats, seat, bars)
     p, q = jacobian.shape[2], 3 * len(shared) + bar
     column = {number: p + 3 * place for place, number in enumerate(sorted(shared))}
     by_noise = jacobian / noise_mm
@@ -116,13 +110,36 @@ def design_problem(
     prior[:p, :p] = prior_precision
     if bar:
         prior[-1, -1] = length_u_mm**-2.0
-    for one, other, along in bars:
-        if one in shared:
-            row = np.zeros(p + q)
-            row[column[one] :][:3], row[column[other] :][:3], row[-1] = -along, along, -1 / Lengths.default_u_place_mm
-            prior += np.outer(row, row)
+        _add_bars(prior, column, bars)
     target[:p, :p] = moment_matrix(jacobian_there, tips_there, scale=scale)
     return DesignProblem(stack_factors(factors), prior, target)
+
+
+def _add_bars(prior: FloatArray, column: Mapping[int, int], bars: Sequence[tuple[int, int, FloatArray]]) -> None:
+    """Add what bars with shared seats tell of both: their distance is the length, the last unknown."""
+    for one, other, along in bars:
+        if one in column:
+            row = np.zeros(len(prior))
+            row[column[one] :][:3], row[column[other] :][:3], row[-1] = -along, along, -1 / Lengths.default_u_place_mm
+            prior += np.outer(row, row)
+
+
+def _check_problem(candidates: Candidates, state: ArmState, noise_mm: float, length_u_mm: float) -> None:
+    if len(state) != len(candidates.angles):
+        raise InputError(f"expected a state of {len(candidates.angles)} readings, got {len(state)}")
+    if not (np.isfinite(noise_mm) and noise_mm > 0):
+        raise InputError(f"expected a positive noise of a reading in mm, got {noise_mm}")
+    if candidates.length_mm is not None and not (np.isfinite(length_u_mm) and length_u_mm > 0):
+        raise InputError(f"expected a positive uncertainty of the bar's length in mm, got {length_u_mm}")
+
+
+def _shared_seats(
+    candidates: Candidates, n_seats: int, seat: IntArray, bars: Sequence[tuple[int, int, FloatArray]]
+) -> set[int]:
+    """Seats whose places several candidates determine together."""
+    shared = {number for number in range(n_seats) if len(np.unique(candidates.candidate[seat == number])) > 1}
+    # A bar with one shared seat: the length determines the other seat too.
+    return shared | {end for one, other, _ in bars if one in shared or other in shared for end in (one, other)}
 
 
 def _factor(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil, degrees
 from typing import Any, get_args
 
@@ -221,19 +221,25 @@ def propose(
     pool = chooser.pool(volume)
     proposals: dict[Strategy, Proposal] = {}
     for number, strategy in enumerate(STRATEGIES):
-        if strategy == "technician" and not supports_technician_poses(arm):
-            continue
-
-        def tell(what: str, done: int, total: int, number: int = number, strategy: Strategy = strategy) -> None:
-            report(number, f"{strategy}: {what} {done} of {total}")
-
-        report(number, strategy)
-        chosen = chooser.choose(pool, strategy, tell)
-        chosen = chosen.split_into_poses(order_of_few_moves(arm, chosen.angles, chosen.seat))
-        if strategy == to_measure and strategy in OPTIMAL:
-            chosen = chooser.shorten(chosen, volume, tell)
-        proposals[strategy] = chooser.proposal(chosen)
+        if strategy != "technician" or supports_technician_poses(arm):
+            of_one = partial(report, number)
+            within = volume if strategy == to_measure and strategy in OPTIMAL else None
+            proposals[strategy] = _proposed(chooser, pool, strategy, within, of_one)
     return CalibrationPlan(arm, prior, artefact, there, proposals)
+
+
+def _proposed(
+    chooser: _Chooser, pool: Candidates, strategy: Strategy, shortened_in: Sector | None, report: Callable[[str], None]
+) -> Proposal:
+    """The poses of a strategy in an order of few moves; with a sector, shortened as they are the ones to measure."""
+
+    def tell(what: str, done: int, total: int) -> None:
+        report(f"{strategy}: {what} {done} of {total}")
+
+    report(strategy)
+    chosen = chooser.choose(pool, strategy, tell)
+    chosen = chosen.split_into_poses(order_of_few_moves(chooser.arm, chosen.angles, chosen.seat))
+    return chooser.proposal(chosen if shortened_in is None else chooser.shorten(chosen, shortened_in, tell))
 
 
 @dataclass(frozen=True, eq=False)
