@@ -21,7 +21,7 @@ FrameOption = Annotated[
 
 # What a program states itself, and what is of programs alone.
 OF_TABLES = ("language", "fanuc_j3", "frame", "tool", "uncertainty", "conditions")
-OF_PROGRAMS = ("frames", "diff")
+OF_PROGRAMS = ("frames", "diff", "subdivide")
 # Of tables and poses; a file of another program has joints only, and is written as it is.
 OF_POSES = ("language", "fanuc_j3", "frame", "start")
 OF_JOINT_TABLES = ("angle_unit", "motors")
@@ -50,6 +50,9 @@ def correct(
         str | None, Option(metavar="Q1,Q2,..", help="Start joints [deg, mm] of all poses, if the table has none.")
     ] = None,
     frames: Annotated[Path | None, Option(help="Tools and work frames of a program, .toml.")] = None,
+    subdivide: Annotated[
+        float | None, Option(metavar="MM", help="Of a program: add targets to straight moves, so far apart at most.")
+    ] = None,
     diff: Annotated[bool, Option("--diff", help="Of a program: also list old and new targets.")] = False,
     tip: options.TipName = None,
     as_json: options.Json = False,
@@ -76,6 +79,7 @@ def correct(
         fitted = to_model_of_tip(model, tip)
         chosen = {name: given[name] for name in ("direction", "untrained")}
         chosen |= {"start": _start_of(start, []), "frames": frames, "diff": diff, "as_json": as_json}
+        chosen["subdivide_mm"] = subdivide
         raise typer.Exit(program_command.run(fitted, targets, out, **chosen))
     options.refuse_typed(context, OF_PROGRAMS, "applies to robot programs only")
     fitted = to_model_of_tip(model, tip)

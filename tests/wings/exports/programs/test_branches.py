@@ -108,7 +108,7 @@ def test_the_signs_of_all_quantities_choose_one_branch(name):
         )
         for pose, row in zip(in_work(arm.chain, joints), stated, strict=True)
     ]
-    found, reasons = nominal_joints(arm, arm.chain, language, targets, None)
+    found, reasons = nominal_joints(arm, arm.chain, language, targets)
     assert not any(reasons)
     np.testing.assert_allclose(found, joints, atol=1e-7)
 

@@ -2,11 +2,13 @@
 
 import json
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from made_up_listings import fitted
-from made_up_programs import TOOL, WORK, in_work, krl_files, rapid_module
+from made_up_listings import fitted, polyscope_script
+from made_up_listings import joints_of as joints_of_ur
+from made_up_programs import TOOL, WORK, in_work, krl_files, krl_frame, krl_turn, rapid_module
 
 import truearm as ta
 from truearm.errors import InputError
@@ -251,6 +253,148 @@ class TestMoves:
         middle = (T + T_end) / 2
         middle[:3, :3] = Rotation.from_rotvec(turn / 2).as_matrix() @ T[:3, :3]
         return middle
+
+
+KRL_CELL = f"TOOL_DATA[3]={{{krl_frame(TOOL)}}}\nBASE_DATA[2]={{{krl_frame(WORK)}}}\nBAS(#TOOL,3)\nBAS(#BASE,2)\n"
+
+
+def krl_text(lines):
+    return "\n".join(["DEF made( )", KRL_CELL + "\n".join(lines), "END", ""])
+
+
+class TestConfigurationOfThePath:
+    """A straight move of KRL keeps the configuration; a target without S and T has that of the one before it."""
+
+    def lines(self, joints, first="", rest=""):
+        poses = in_work(ta.load_arm(KR).chain, joints)
+        lines = [f"LIN {{{krl_frame(T)}{rest}}}" for T in poses]
+        return [first, *lines] if first else lines
+
+    def path(self, flipped=False):
+        """Joints along a straight path, each 60 mm from the last."""
+        near = joints_of(KR, 1, seed=4)[0]
+        if flipped:  # the other set of wrist angles
+            near[3:] = [
+                near[3] + np.pi * (-1 if near[3] > 0 else 1),
+                -near[4],
+                near[5] + np.pi * (-1 if near[5] > 0 else 1),
+            ]
+        return np.array([near + share * np.array([0.05, 0.02, 0.02, 0.0, 0.0, 0.0]) for share in range(12)])
+
+    @pytest.mark.parametrize("flipped", [False, True])
+    def test_it_is_that_of_joints_at_its_start(self, tmp_path, flipped):
+        planned = self.path(flipped)
+        axes = ",".join(f"A{i} {q:.6f}" for i, q in enumerate(np.degrees(planned[0]), 1))
+        text = krl_text(self.lines(planned[1:], f"PTP {{{axes}}}"))
+        found = corrected(fitted(KR), written(tmp_path, text, "made.src"))
+        assert found.is_complete
+        # Six decimals of mm and deg.
+        np.testing.assert_allclose([one.nominal for one in found.changes], planned, atol=1e-6)
+
+    @pytest.mark.parametrize("between", ["IF $IN[1] THEN\nENDIF", "MOVE_AWAY()", "MARK:", "LIN_REL {Z 5}"])
+    def test_where_the_arm_may_come_from_elsewhere_it_is_to_be_stated(self, tmp_path, between):
+        planned = self.path()
+        axes = ",".join(f"A{i} {q:.6f}" for i, q in enumerate(np.degrees(planned[0]), 1))
+        text = krl_text([f"PTP {{{axes}}}", between, "BAS(#TOOL,3)", "BAS(#BASE,2)", *self.lines(planned[1:])])
+        file = written(tmp_path, text, "made.src")
+        found = corrected(fitted(KR), file)
+        assert len(found.changes) == 1
+        assert "--start" in found.refused[0].reason
+        assert corrected(fitted(KR), file, start=planned[1]).is_complete
+
+    def test_a_start_at_a_singular_pose_chooses_none(self, tmp_path):
+        planned = self.path()
+        axes = "A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0"
+        text = krl_text(self.lines(planned[1:], f"PTP {{{axes}}}"))
+        found = corrected(fitted(KR), written(tmp_path, text, "made.src"))
+        assert "--start" in found.refused[1].reason
+
+    def test_a_move_in_a_circle_of_targets_has_no_start(self, tmp_path):
+        lines = self.lines(self.path()[:2])
+        points = [f"DECL POS P{i}={line[4:]}" for i, line in enumerate(lines)]
+        text = krl_text([*points, "LIN P0", "LIN P1", "LIN P0", "LIN P1"])
+        found = corrected(fitted(KR), written(tmp_path, text, "made.src"))
+        assert not found.changes
+
+
+class TestSubdivision:
+    """Further targets between two, so that the tip keeps to the straight line."""
+
+    def programs(self):
+        arm = ta.load_arm(KR)
+        planned = joints_of(KR, 3, seed=3)
+        lines = [
+            f"  LIN {{{krl_frame(T)},S 2,T {krl_turn(q)}}} C_VEL ; seam"
+            for T, q in zip(in_work(arm.chain, planned), np.degrees(planned), strict=True)
+        ]
+        rapid = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB, 3))
+        ur = joints_of_ur("ur10", 3)
+        script = polyscope_script(ta.load_arm("ur10").chain, ur, tool=TOOL).replace("movej", "movel")
+        return {
+            "rapid": (IRB, rapid, "made.mod"),
+            "krl": (KR, krl_text(lines), "made.src"),
+            "urscript": ("ur10", script, "made.script"),
+        }
+
+    @pytest.mark.parametrize("kind", ["rapid", "krl", "urscript"])
+    @pytest.mark.parametrize("end", ["\n", "\r\n"])
+    def test_the_tip_keeps_to_the_line_and_every_other_byte_stays(self, tmp_path, kind, end):
+        arm, text, name = self.programs()[kind]
+        options = {}
+        if kind == "urscript":
+            options["frames"] = written(tmp_path, 'controller = "nominal"', "frames.toml")
+        file = written(tmp_path, text.replace("\n", end), name)
+        plain = corrected(fitted(arm), file, **options)
+        found = corrected(fitted(arm), file, subdivide_mm=25.0, **options)
+        before, after = (float(re.search(r"at most (\S+) mm \(line", note)[1]) for note in found.notes[-2:])
+        # A parabola between two ends: a distance n times shorter is off by n^2 times less, but for the digits.
+        assert after < before / 20 + 2e-3
+        n = int(re.search(r"With (\d+) targets", found.notes[-1])[1])
+        old, new = plain.content.splitlines(keepends=True), found.content.splitlines(keepends=True)
+        assert len(new) == len(old) + n
+        rest = iter(new)
+        assert all(line in rest for line in old)  # in their order
+        zone = {"rapid": b",z5,", "krl": b"} C_DIS", "urscript": b", r=0.005)"}[kind]
+        assert sum(zone in line for line in new) == n
+        again = corrected(
+            fitted(arm), written(tmp_path, found.content, "again" + name[4:]), direction="feedback", **options
+        )
+        assert len(again.changes) == len(plain.changes) + n
+
+    def test_the_added_targets_divide_the_lines_evenly(self, tmp_path):
+        arm, text, _ = self.programs()["rapid"]
+        found = corrected(fitted(arm), written(tmp_path, text), subdivide_mm=40.0)
+        points = numbers_of(found.content, b"p")[:, :3]
+        rows = re.findall(rb"MoveL \[\[([^\]]*)\]", found.content)
+        added = np.array([[float(one) for one in row.split(b",")] for row in rows])
+        lengths = [int(np.ceil(np.linalg.norm(b - a) / 40.0)) for a, b in pairwise(points)]
+        shares = [np.arange(1, n) / n for n in lengths]
+        even = np.concatenate([a + s[:, None] * (b - a) for s, (a, b) in zip(shares, pairwise(points), strict=True)])
+        np.testing.assert_allclose(added, even, atol=0.2)  # [mm]: what the correction changes over the line
+
+    def test_what_is_not_divided_is_said(self, tmp_path):
+        arm, text, _ = self.programs()["rapid"]
+        text = text.replace("    MoveL p1", "    IF TRUE Stop;\n    MoveL p1")
+        found = corrected(fitted(arm), written(tmp_path, text), subdivide_mm=25.0)
+        assert "Not divided: line 10" in found.notes[-1]
+
+    @pytest.mark.parametrize(
+        ("options", "problem"),
+        [
+            ({"subdivide_mm": 0.5}, "at least 1 mm"),
+            ({"subdivide_mm": float("nan")}, "at least 1 mm"),
+            ({"subdivide_mm": 50.0, "direction": "feedback"}, "direction command only"),
+        ],
+    )
+    def test_a_subdivision_that_cannot_be_is_refused(self, tmp_path, options, problem):
+        arm, text, _ = self.programs()["rapid"]
+        with pytest.raises(InputError, match=problem):
+            corrected(fitted(arm), written(tmp_path, text), **options)
+
+    def test_a_language_that_takes_no_further_target_says_why(self, tmp_path):
+        text = "/PROG  MADE\n/MN\n   1:J P[1] 100% FINE ;\n/POS\n/END\n"
+        with pytest.raises(InputError, match=r"no target can be added to a Fanuc TP listing: the lines of /MN"):
+            corrected(fitted("lrmate200id"), written(tmp_path, text, "made.ls"), subdivide_mm=50.0)
 
 
 class TestCommand:

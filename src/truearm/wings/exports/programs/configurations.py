@@ -57,7 +57,7 @@ def _turned(axis: FloatArray, angle: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def nominal_joints(
-    arm: Arm, chain: Chain, language: Language, targets: Sequence[Target], start: FloatArray | None
+    arm: Arm, chain: Chain, language: Language, targets: Sequence[Target]
 ) -> tuple[FloatArray, list[str]]:
     """Joints of the controller's arm at Cartesian targets.
 
@@ -70,8 +70,6 @@ def nominal_joints(
     language : Language
     targets : sequence of Target
         Cartesian ones, with both frames.
-    start : (6,) array, optional
-        Joints near those that state no configuration, as the controller counts them [rad].
 
     Returns
     -------
@@ -95,10 +93,9 @@ def nominal_joints(
         for condition in target.conditions:
             at = QUANTITIES.index(condition.quantity)
             low[row, at], high[row, at] = condition.low, condition.high
-        beside = start if target.near is None and not target.conditions else target.near
-        if beside is not None:
-            near[row] = beside
-        stated[row] = bool(target.conditions) or beside is not None
+        if target.near is not None:
+            near[row] = target.near
+        stated[row] = bool(target.conditions) or target.near is not None
     turned, off, far = _with_turns(arm, language, screws, branches, (low, high), near)
     exists = np.isfinite(branches).all(axis=2)
     limits = arm.limits.T

@@ -47,7 +47,8 @@ from truearm.wings.exports.programs.program import (
     inverse,
     with_edits,
 )
-from truearm.wings.exports.programs.solving import Solver, check_joints_of_model
+from truearm.wings.exports.programs.solving import Solver, check_joints_of_model, ends_of
+from truearm.wings.exports.programs.subdivision import check_subdivision, divide
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.manifest import MARKER
 
@@ -72,6 +73,7 @@ def correct_program(
     direction: TargetDirection = "command",
     frames: str | Path | None = None,
     start: npt.ArrayLike | None = None,
+    subdivide_mm: float | None = None,
     untrained: Untrained = "refuse",
 ) -> CorrectedProgram:
     """Correct the targets of a robot program in the language of its controller.
@@ -88,6 +90,8 @@ def correct_program(
         TOML file of tools and work frames that are not in the program (docs/programs.md).
     start : (6,) array, optional
         Joints near Cartesian targets that state no configuration, as the controller counts them [rad].
+    subdivide_mm : float, optional
+        Largest distance between two targets of a straight move: further ones are written between them [mm].
     untrained : {"refuse", "accept"}
         What to do with targets outside the trained range.
 
@@ -129,6 +133,8 @@ def correct_program(
             file=path,
             hint="give the model of the robot that runs this program",
         )
+    if subdivide_mm is not None:
+        check_subdivision(language, subdivide_mm, direction)
     stated = FramesFile() if frames is None else read_document(frames, FramesFile)
     beside = Surroundings(path, stated, fitted.arm_.chain.with_tip(np.zeros(3)))
     try:
@@ -149,7 +155,7 @@ def correct_program(
         if read.controller is not None:
             fitted = with_controller(fitted, read.controller)
         solver = Solver(fitted, language, read.controller, direction, untrained)
-        return _Correction(solver, read, is_first=not before).result(path, file, near)
+        return _Correction(solver, read, is_first=not before).result(path, file, near, subdivide_mm)
     except InputError as error:
         raise error if error.file is not None else error.in_file(path) from None
 
@@ -208,14 +214,25 @@ class _Correction:
     program: Program
     is_first: bool  # not the reverse of another one
 
-    def result(self, path: Path, file: bytes, start: FloatArray | None) -> CorrectedProgram:
+    def result(self, path: Path, file: bytes, start: FloatArray | None, spacing_mm: float | None) -> CorrectedProgram:
         """Correct all targets, and write the new program."""
         solver, program = self.solver, self.program
-        nominal, reasons = solver.nominal(program.targets, start)
+        nominal, reasons = solver.nominal(program.targets, start, program.moves)
         self._check_robot(nominal, reasons)
         corrected, shifts = solver.corrected(program.targets, nominal, reasons)
         changes, refused = self._changes(nominal, corrected, shifts, reasons)
         edits = [edit for change in changes for edit in change.edits]
+        notes = list(self._bend(nominal, corrected))
+        if edits and spacing_mm is not None:
+            rows = {id(target): row for row, target in enumerate(program.targets)}
+            texts = {rows[id(change.target)]: change.numbers for change in changes}
+            done = np.isin(np.arange(len(nominal)), list(texts))[:, None]
+            before, after = (np.where(done, joints, np.nan) for joints in (nominal, corrected))
+            more, note = divide(
+                solver, program, before, after, texts=texts, quantities_of=self._quantities, spacing_mm=spacing_mm
+            )
+            edits += more
+            notes.append(note)
         if edits:
             edits += self._marks()
         return CorrectedProgram(
@@ -226,7 +243,7 @@ class _Correction:
             changes=tuple(changes),
             refused=tuple(refused),
             left=tuple(sorted(program.left)),
-            notes=(*self._other_model(), *program.notes, *self._bend(nominal, corrected)),
+            notes=(*self._other_model(), *program.notes, *notes),
             content=solver.language.packed(with_edits(program.data, edits), file) if edits else file,
         )
 
@@ -241,7 +258,7 @@ class _Correction:
                 )
 
     def _bend(self, nominal: FloatArray, corrected: FloatArray) -> Iterator[str]:
-        worst = self.solver.bend(self.program.targets, self.program.moves, nominal, corrected)
+        worst = self.solver.bend(self.program.targets, ends_of(self.program.moves), nominal, corrected)
         if worst is not None:
             yield (
                 f"Between two corrected targets a straight move is off by at most {format_mm(worst[0])} (line "

@@ -129,6 +129,7 @@ class FanucListing(Language):
 
     title = "Fanuc TP listing"
     endings = (".ls",)
+    takes_no_targets = "the lines of /MN and the points are numbered"
     decimals = 3  # as the controller writes them
 
     def recognises(self, data: bytes) -> bool:

@@ -13,6 +13,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 from math import inf, isinf
 from pathlib import Path
 from typing import NamedTuple
@@ -31,6 +32,7 @@ from truearm.wings.exports.programs.program import (
     Move,
     MoveKind,
     Number,
+    Passing,
     Program,
     Surroundings,
     Target,
@@ -78,6 +80,11 @@ _DEEPEST = 16  # loops in loops of which each is followed twice
 _SEVERAL = b"?"  # tools or bases of branches, loops and subprograms
 _CALL = re.compile(rb"\s*([A-Za-z_]\w*)\s*\(")
 _BEGINS = re.compile(rb"(?i)\s*(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+([A-Za-z_]\w*)\s*\(")
+# What may bring the arm to a line from elsewhere.
+_TURNS_OFF = re.compile(
+    rb"(?i)\s*(?:(?:GLOBAL\s+)?DEF(?:FCT)?|IF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|LOOP|ENDLOOP|FOR|ENDFOR|WHILE"
+    rb"|ENDWHILE|REPEAT|UNTIL|EXIT|GOTO|RETURN|INTERRUPT|RESUME|END)(?![\w$])|\s*[A-Za-z_][\w$]*\s*:\s*$"
+)
 _LABEL = re.compile(rb"\s*([A-Za-z_][\w$]*)\s*:\s*")
 _GOTO = re.compile(rb"(?i)\s*GOTO\s+([\w$]+)\s*")
 _COMPONENT = re.compile(rb"(?i)\s*([A-Za-z_][\w$]*)\s*(\[[^\]]*\])?\s*\.\s*(?!E\d)(\w+)\s*=(?!=)")
@@ -97,10 +104,16 @@ _REASONS = {
 
 
 class _Value(NamedTuple):
-    """A literal aggregate: its numbers, and its words such as #BASE."""
+    """A literal aggregate: its numbers, its words such as #BASE, and its place."""
 
     numbers: dict[str, Number]
     has_more: bool  # something in it is not a number
+    span: tuple[int, int]
+
+    @property
+    def external(self) -> tuple[Number, ...]:
+        """E1 and those after it, up to the first that is missing."""
+        return tuple(takewhile(bool, map(self.numbers.get, _EXTERNAL)))  # type: ignore[arg-type]
 
     @property
     def is_pose(self) -> bool:
@@ -188,6 +201,11 @@ class Krl(Language):
             if _whole(number.text) != value:
                 yield Edit(number.start, number.end, _as_before(number.text, value))
 
+    def zone(self, spacing_mm: float) -> bytes:
+        """See `Language`: how near it passes is $APO.CDIS of the program."""
+        del spacing_mm
+        return b" C_DIS"
+
     def mark(self, program: Program, words: str) -> Edit:
         """See `Language`."""
         head = re.search(
@@ -221,7 +239,7 @@ class _File:
         self.left: list[LeftAlone] = []
         self.notes: list[str] = []
         self.found: list[tuple[bytes | None, str, int, _Value, _Frames]] = []
-        self.moves: list[tuple[int, MoveKind, bytes | int | None]] = []
+        self.moves: list[tuple[Move, bytes | int | None]] = []
         self.given: list[tuple[_Line, re.Match[bytes]]] = []
 
     def program(self) -> Program:
@@ -241,10 +259,10 @@ class _File:
         for line, given in self.given:
             self._value(line, given)
         here = {found[0] for found in self.found} | {_word(given[1]) for _, given in self.given}
-        for number, _, goal in self.moves:
+        for move, goal in self.moves:
             if isinstance(goal, bytes) and goal not in here:
                 reason = "the program computes it" if goal[:1] == b"$" else "its numbers are in another file"
-                self.left.append(LeftAlone(number, _text(goal), reason))
+                self.left.append(LeftAlone(move.line, _text(goal), reason))
         texts = (text for lines in (*others, self.lines) for line in lines for text in _STATUS.findall(line.code))
         self.is_accurate = any(_is_accurate(text) for text in texts)
         targets: list[Target] = []
@@ -259,7 +277,7 @@ class _File:
                     name = found[1]
                     self.notes.append(f"{name} is used in a computation in line {at}: the result has its correction.")
                 targets.append(target)
-        moves = tuple(Move(number, kind, numbers.get(goal)) for number, kind, goal in self.moves)
+        moves = tuple(move._replace(target=numbers.get(goal)) for move, goal in self.moves)
         external = [
             [value.numbers[name].value if name in value.numbers else 0.0 for name in _EXTERNAL]
             for *_, value, _ in self.found
@@ -357,7 +375,7 @@ class _File:
 
     def _walk(self, lines: list[_Line], *, is_own: bool) -> None:
         """Follow the lines of a file in their order: tool and base, moves and values."""
-        state, block = _State(), b""
+        state, block, follows = _State(), b"", False
         branches: list[_Branches] = []
         ends = _loops(lines)
         for at, line in enumerate(lines):
@@ -365,15 +383,19 @@ class _File:
             if part := _COMPONENT.match(code):
                 element = part[2] if re.fullmatch(rb"\[\s*\d+\s*\]", part[2] or b"") else b""
                 self.parts.setdefault(_word(part[1] + element), (_text(part[3]), line.number))
+            call = _CALL.match(code)
+            follows &= not (_TURNS_OFF.match(code) or (call and not _HARMLESS.fullmatch(call[1].upper())))
             if at in ends:  # again with what holds at its end
                 state = state.either(self._at_end(lines[at + 1 : ends[at]], state))
             elif (after := self._follow(line, state, branches)) is not None:
                 state = after
             elif spline := re.match(rb"(?i)\s*(PTP_)?(END)?SPLINE(?![\w$])", code):
-                block = b"" if spline[2] else code
+                block, follows = b"" if spline[2] else code, False
             elif moved := _MOVED.fullmatch(code):
                 within = self._with(block, line, state)
-                self._move(line, moved, self._with(code, line, within).frames, is_own=is_own)
+                frames = self._with(code, line, within).frames
+                self._move(line, moved, frames, is_own=is_own, follows=follows, passes=not block)
+                follows = True
             elif b"=" in code and (given := _given(code)) is not None:
                 if b":" in re.sub(rb"\{[^{}]*\}", b"", given[3]):
                     self.factors |= {name.upper(): line.number for name in _WORDS.findall(given[3])}
@@ -443,7 +465,9 @@ class _File:
         self.bases |= {name.upper(): line.number for name in _WORDS.findall(re.sub(rb"\{[^{}]*\}", b"", text))}
         return b"EK" if re.match(rb"(?i)\s*EK\s*\(", text) else _word(text)
 
-    def _move(self, line: _Line, moved: re.Match[bytes], frames: _Frames, *, is_own: bool) -> None:
+    def _move(
+        self, line: _Line, moved: re.Match[bytes], frames: _Frames, *, is_own: bool, follows: bool, passes: bool
+    ) -> None:
         word, at = moved[1].upper(), 0
         for _ in range(2 if b"CIRC" in word else 1):
             goal = _GOAL.match(moved[2], at)
@@ -478,7 +502,15 @@ class _File:
                 self.left.append(LeftAlone(line.number, shown, "the program computes it"))
             else:
                 key = name
-            self.moves.append((line.number, _MOVES.get(word.removesuffix(b"_REL"), "joint"), key))
+            passing = None
+            if passes and word in (b"LIN", b"SLIN"):
+                after = moved[2][goal.end() :].rstrip()
+                after = b" " * bool(after[:1].strip()) + re.sub(rb"(?i)(?:\s+C_\w+)+$", b"", after)
+                indent = line.code[: moved.start(1)]
+                passing = Passing(line.start, indent + moved[1] + b" ", after + line_end_of(self.data), len(after))
+            kind = _MOVES.get(word.removesuffix(b"_REL"), "joint")
+            self.moves.append((Move(line.number, kind, None, follows, passing), key))
+            follows = True
 
     def _value(self, line: _Line, given: re.Match[bytes]) -> None:
         """A value that is given to a name: a target, if the name is one."""
@@ -539,7 +571,15 @@ class _File:
                 return None
             joints = np.radians([numbers[axis].value for axis in _JOINTS])
             frame = self._frame(b"TOOL", tool)[0]
-            return Target(name, line, _only(numbers, _JOINTS), joints=joints, T_flange_tool=frame)
+            return Target(
+                name,
+                line,
+                _only(numbers, _JOINTS),
+                joints=joints,
+                T_flange_tool=frame,
+                span=value.span,
+                external=value.external,
+            )
         if not set(_POSE) <= set(numbers):
             left("some of X, Y, Z, A, B, C are missing: those keep the last value")
             return None
@@ -569,6 +609,8 @@ class _File:
             T_flange_tool=frames_found[0][0],
             T_base_work=frames_found[1][0],
             conditions=conditions,
+            span=value.span,
+            external=value.external,
         )
 
     def _frame(self, which: bytes, number: bytes | None) -> tuple[FloatArray | None, str]:
@@ -688,7 +730,8 @@ def _aggregate(text: bytes, start: int) -> _Value | None:
     match = _AGGREGATE.match(text.lstrip())
     if match is None:
         return None
-    at = start + len(text) - len(text.lstrip()) + match.start(1)
+    first = start + len(text) - len(text.lstrip())
+    at = first + match.start(1)
     numbers, has_more = {}, False
     for part in match[1].split(b","):
         field = _FIELD.fullmatch(part)
@@ -700,7 +743,7 @@ def _aggregate(text: bytes, start: int) -> _Value | None:
             has_more |= name in numbers or (name not in ("S", "T") if field[2][:1] == b"'" else isinf(float(field[2])))
             numbers[name] = Number(at + field.start(2), at + field.end(2), field[2])
         at += len(part) + 1
-    return _Value(numbers, has_more)
+    return _Value(numbers, has_more, (first + match.start(), first + match.end()))
 
 
 def _frame(numbers: Mapping[str, Number]) -> FloatArray:

@@ -147,6 +147,7 @@ class PolyScope(Language):
 
     title = "PolyScope program of Universal Robots"
     endings = (".urp",)
+    takes_no_targets = "nodes of its XML refer to each other by their places"
     keeps_comments = False
 
     def recognises(self, data: bytes) -> bool:

@@ -93,6 +93,10 @@ class Target:
         The configuration as far as it is stated.
     near : (6,) array, optional
         Joints whose configuration and turns the target has, as the controller counts them [rad].
+    span : (int, int), optional
+        Place of all that states it, for further targets of its form.
+    external : tuple of Number
+        Its external axes in their order [mm, deg, or 9E9].
     """
 
     name: str
@@ -104,6 +108,8 @@ class Target:
     T_base_work: FloatArray | None = None
     conditions: tuple[Condition, ...] = ()
     near: FloatArray | None = None
+    span: tuple[int, int] | None = None
+    external: tuple[Number, ...] = ()
 
 
 class LeftAlone(NamedTuple):
@@ -125,12 +131,49 @@ class LeftAlone(NamedTuple):
     is_literal: bool = False
 
 
+class Passing(NamedTuple):
+    """How a straight move goes through a point without a stop: what stands around the point, and where to write it.
+
+    Attributes
+    ----------
+    at : int
+        Where the move itself begins.
+    before, after : bytes
+        Of the point.
+    zone : int
+        Place of the zone in `after`, which is that of the language.
+    """
+
+    at: int
+    before: bytes
+    after: bytes
+    zone: int
+
+    def text(self, point: bytes, zone: bytes) -> bytes:
+        """A move to a point."""
+        return self.before + point + self.after[: self.zone] + zone + self.after[self.zone :]
+
+
 class Move(NamedTuple):
-    """A motion to a target of the program, by its number in `Program.targets`; None: to another place."""
+    """A motion.
+
+    Attributes
+    ----------
+    line : int
+    kind : {"joint", "linear", "circular"}
+    target : int or None
+        Number in `Program.targets`; None: another place.
+    follows : bool
+        Whether the arm certainly comes from the move before it in the text.
+    passing : Passing, optional
+        How further targets before this one are written, where the language and the move allow them.
+    """
 
     line: int
     kind: MoveKind
     target: int | None
+    follows: bool = True
+    passing: Passing | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,12 +236,15 @@ class Language(ABC):
     keeps_comments : bool
         Whether a controller that saves a program keeps the comment which says that it is corrected; where not, the
         last digits of joints say it too.
+    takes_no_targets : str
+        Why no further target can be written into a program; empty where it can.
     """
 
     title: ClassVar[str]
     endings: ClassVar[tuple[str, ...]]
     decimals: ClassVar[int] = 9
     keeps_comments: ClassVar[bool] = True
+    takes_no_targets: ClassVar[str] = ""
 
     @abstractmethod
     def recognises(self, data: bytes) -> bool:
@@ -251,6 +297,11 @@ class Language(ABC):
         """Joints (n, 6) of the controller from those of the model [rad]."""
         del chain
         return joints
+
+    def zone(self, spacing_mm: float) -> bytes:
+        """How a move passes its target without a stop, as `Passing.text` writes it; of targets some mm apart."""
+        del spacing_mm
+        raise InputError(self.takes_no_targets)
 
     def number_text(self, number: Number, value: float, decimals: int) -> bytes:
         """The bytes of a new value; by default those of a plain decimal number."""

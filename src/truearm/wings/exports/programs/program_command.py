@@ -25,6 +25,7 @@ def run(
     *,
     start: list[float] | None,
     frames: Path | None,
+    subdivide_mm: float | None,
     diff: bool,
     as_json: bool,
     direction: Any,
@@ -34,7 +35,13 @@ def run(
     check_output(out, program, frames, endings=(program.suffix,), read=read_corrected)
     with progress(f"correcting {program.name}"):
         corrected = correct_program(
-            model, program, direction=direction, frames=frames, start=start, untrained=untrained
+            model,
+            program,
+            direction=direction,
+            frames=frames,
+            start=start,
+            subdivide_mm=subdivide_mm,
+            untrained=untrained,
         )
         if corrected.changes:
             corrected.save(out)

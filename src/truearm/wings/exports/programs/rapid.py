@@ -31,6 +31,7 @@ from truearm.wings.exports.programs.program import (
     Move,
     MoveKind,
     Number,
+    Passing,
     Program,
     Surroundings,
     Target,
@@ -69,6 +70,11 @@ _SHIFTS = (
 )
 # Of these, a signal or a procedure stands behind the tool, which is the third after the last target.
 _FOLLOWED = (b"do", b"ao", b"go", b"sync")
+# Instructions that do not move the arm: what stands between two moves besides them may bring it from elsewhere.
+_STILL = frozenset(
+    b"setdo set reset setgo setao pulsedo waittime waitdi waitdo waituntil confl confj singarea accset velset gripload "
+    b"tpwrite tperase incr decr add clear const pers var local".split()
+)
 _ZONES = (b"wzhomejointdef", b"wzlimjointdef")
 _SHAPES = {b"robtarget": (3, 4, 4, 6), b"jointtarget": (6, 6)}
 _FRAMES = (b"tooldata", b"wobjdata")
@@ -78,6 +84,7 @@ _PARTS = {
 }
 _UNIT = 1e-2  # quaternions that controllers write have a length of 1 within 1e-3
 _QUADRANT = 90.0
+_WIDE_MM = 10.0  # a zone of 5 mm ends before the middle
 
 
 class _Token(NamedTuple):
@@ -94,6 +101,7 @@ class _List:
 
     items: tuple[_Value, ...]
     start: int
+    end: int
 
 
 _Value: TypeAlias = Number | _List | bytes
@@ -114,6 +122,8 @@ class _Found(NamedTuple):
     line: int
     numbers: dict[str, Number]
     uses: _Uses
+    span: tuple[int, int]
+    external: tuple[Number, ...]
 
 
 class Rapid(Language):
@@ -152,6 +162,10 @@ class Rapid(Language):
             if value != number.value:
                 yield Edit(number.start, number.end, b"%d" % value)
 
+    def zone(self, spacing_mm: float) -> bytes:
+        """See `Language`; the controller shortens zones that overlap."""
+        return b"z5" if spacing_mm >= _WIDE_MM else b"z1"
+
     def mark(self, program: Program, words: str) -> Edit:
         """See `Language`."""
         head = re.search(rb"(?im)^(?:\xef\xbb\xbf)?[ \t]*MODULE[ \t]+[^\r\n]*(?:\r\n|\n|\r)", program.data)
@@ -179,7 +193,8 @@ class _Module:
         self.records: dict[bytes, list[bytes]] = {}
         self.uses: defaultdict[bytes, _Uses] = defaultdict(dict)
         self.left: list[LeftAlone] = []
-        self.moves: list[tuple[int, MoveKind, bytes | int | None]] = []
+        self.moves: list[tuple[Move, bytes | int | None]] = []
+        self.follows = False
         self.notes: list[str] = []
         self.external: list[list[float]] = []
         self.resolved: dict[tuple[str, bytes], _Frame] = {}
@@ -198,7 +213,7 @@ class _Module:
                 unreached += [] if found.uses else [found.name]
                 numbers[key] = numbers[found.name.encode("latin-1").lower()] = len(targets)
                 targets.append(target)
-        moves = tuple(Move(line, kind, numbers.get(goal)) for line, kind, goal in self.moves)
+        moves = tuple(move._replace(target=numbers.get(goal)) for move, goal in self.moves)
         self.notes += [*unreached_note(unreached), *external_axes_note(self.external)]
         return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
 
@@ -222,6 +237,9 @@ class _Module:
             return self._declaration(at)
         if token.word in _MOVES and follows.text not in (b":=", b"("):
             return self._move(at)
+        is_first = at == 0 or self.tokens[at - 1].text == b";"
+        if is_first and token.word not in _STILL and not self._assigned(at):
+            self.follows = False
         if token.word in self.names_of_frames and self._assigned(at):
             self.notes.append(
                 f"{_text(token.text)} is changed in line {self._line(at)} while the program runs: the corrections are "
@@ -362,7 +380,10 @@ class _Module:
         flat = [one for item in value.items if isinstance(item, _List) for one in item.items]
         numbers = {part: one for part, one in zip(_PARTS[kind], flat, strict=False) if isinstance(one, Number)}
         self.external.append([one.value for one in flat[-6:] if isinstance(one, Number)])
-        self.found.append(_Found(kind, name, self.line_of(value.start), numbers, uses))
+        external = tuple(one for one in flat[-6:] if isinstance(one, Number))
+        self.found.append(
+            _Found(kind, name, self.line_of(value.start), numbers, uses, (value.start, value.end), external)
+        )
         return len(self.found) - 1
 
     def _value(self, at: int) -> tuple[_List | bytes, int]:
@@ -390,7 +411,7 @@ class _Module:
                 item, i = self._list(i)
                 items.append(item)
             elif token.text == b"]":
-                return _List(tuple(items), self.tokens[at].start), i + 1
+                return _List(tuple(items), self.tokens[at].start, token.end), i + 1
             elif token.text == b",":
                 i += 1
             else:
@@ -450,8 +471,22 @@ class _Module:
                 self.left.append(LeftAlone(line, f"{instruction} *", "the target is hidden"))
             else:
                 self.left.append(LeftAlone(line, f"{instruction} {text}", self._computed(first, last)))
-            self.moves.append((line, kind, goal))
+            self.moves.append((Move(line, kind, None, self.follows, self._passing(at, arguments, end)), goal))
+            self.follows = True
         return end
+
+    def _passing(self, at: int, arguments: list[list[tuple[int, int]]], end: int) -> Passing | None:
+        """How a MoveL goes through further points: with its own speed, tool and work object, but without a stop."""
+        switches = {self.tokens[first].word for _, *parts in arguments for first, _ in parts}
+        if self.tokens[at].word != b"movel" or len(arguments) != 4 or switches - {b"wobj", b"tload"}:
+            return None
+        places = [(self.tokens[first].start, self.tokens[last - 1].end) for (first, last), *_ in arguments]
+        start, point, zone, stop = self.tokens[at].start, places[0], places[2], self.tokens[end - 1].end
+        line = max(self.data.rfind(sign, 0, start) for sign in (b"\n", b"\r")) + 1
+        blanks = self.data[line:start]
+        after = self.data[point[1] : zone[0]] + self.data[zone[1] : stop]
+        ending = b" " if blanks.strip() else line_end_of(self.data) + blanks
+        return Passing(start, self.data[start : point[0]], after + ending, zone[0] - point[1])
 
     @cached_property
     def names(self) -> set[bytes]:
@@ -498,7 +533,7 @@ class _Module:
         raise InputError("a move has no end: the program is cut off", line=self._line(at - 1))
 
     def _target(self, found: _Found) -> Target | None:
-        kind, name, line, numbers, used = found
+        kind, name, line, numbers, used, span, external = found
         values = {part: number.value for part, number in numbers.items()}
 
         def left(reason: str) -> None:
@@ -518,7 +553,7 @@ class _Module:
             tools = {tool for tool, _ in used}
             tool = self._resolved(self._tool, tools.pop())[0] if len(tools) == 1 else None
             joints = np.radians([values[f"j{i}"] for i in range(1, 7)])
-            return Target(name, line, numbers, joints=joints, T_flange_tool=tool)
+            return Target(name, line, numbers, joints=joints, T_flange_tool=tool, span=span, external=external)
         q = [values[f"q{i}"] for i in range(1, 5)]
         if not any(q):
             left("a placeholder: its quaternion is zero")
@@ -542,7 +577,15 @@ class _Module:
             return None
         pose = transform(rotation_of_quaternion(q), [values[axis] for axis in "xyz"])
         return Target(
-            name, line, numbers, pose=pose, T_flange_tool=tool_frame, T_base_work=work_frame, conditions=conditions
+            name,
+            line,
+            numbers,
+            pose=pose,
+            T_flange_tool=tool_frame,
+            T_base_work=work_frame,
+            conditions=conditions,
+            span=span,
+            external=external,
         )
 
     def _spelled(self, name: bytes) -> str:
@@ -632,7 +675,7 @@ def _literal(token: _Token) -> _List:
             stack.append([])
         elif text == b"]":
             items = tuple(stack.pop())
-            stack[-1].append(_List(items, begins.pop()))
+            stack[-1].append(_List(items, begins.pop(), token.start + match.end()))
         else:
             stack[-1].append(Number(token.start + match.start(), token.start + match.end(), text))
     value = stack[0][0]

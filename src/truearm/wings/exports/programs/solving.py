@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,11 +15,12 @@ from scipy.spatial.transform import Rotation
 from truearm.arm import Chain
 from truearm.errors import InputError
 from truearm.models import Compensator
+from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.branches import N_JOINTS
-from truearm.wings.exports.programs.configurations import nominal_joints
+from truearm.wings.exports.programs.branches import N_JOINTS, Screws
+from truearm.wings.exports.programs.configurations import QUANTITIES, nominal_joints, quantities_of
 from truearm.wings.exports.programs.orientations import angles_of
-from truearm.wings.exports.programs.program import Language, Move, Target, transform
+from truearm.wings.exports.programs.program import Condition, Language, Move, MoveKind, Target, transform
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.correction import correct_targets
 from truearm.wings.exports.targets.pose_models import with_tool
@@ -26,6 +29,16 @@ from truearm.wings.exports.targets.targets import Targets
 # Straight moves that are looked at between their ends: the longest.
 N_MOVES = 200
 _SHARES = (0.25, 0.5, 0.75)
+_SIGNS = ("shoulder", "elbow", "J5")
+_BORDER = 1.0  # of a configuration [deg, mm]
+
+
+class PathEnds(NamedTuple):
+    """The ends of a move by their numbers, and its line."""
+
+    start: int
+    end: int
+    line: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,20 +68,70 @@ class Solver:
         chain = self.model.arm_.chain if self.controller is None else self.controller
         return chain.with_tip(np.zeros(3))
 
-    def nominal(self, targets: Sequence[Target], start: FloatArray | None) -> tuple[FloatArray, list[str]]:
-        """Joints (n, 6) of the controller's arm at targets, as the model counts them, and why a target has none."""
+    def nominal(
+        self, targets: Sequence[Target], start: FloatArray | None, moves: Sequence[Move] = ()
+    ) -> tuple[FloatArray, list[str]]:
+        """Joints (n, 6) of the controller's arm at targets, as the model counts them, and why a target has none.
+
+        A straight move keeps the configuration: a target that states none has that of the target that the arm comes
+        from. Only where that is not known, `start` chooses it.
+        """
+        before = _predecessors(targets, moves)
+        given = [
+            replace(target, near=start) if _is_open(target) and row not in before else target
+            for row, target in enumerate(targets)
+        ]
+        first = [row for row in range(len(targets)) if row not in before]
         joints, reasons = np.full((len(targets), N_JOINTS), np.nan), [""] * len(targets)
-        plain = [row for row, target in enumerate(targets) if target.joints is not None]
+        self._solve(given, first, joints, reasons)
+        if not before:
+            return joints, reasons
+        signs, roots = self._signs(joints), _roots(before)
+        for row, root in roots.items():
+            given[row] = replace(targets[row], **({"conditions": signs[root]} if signs[root] else {"near": start}))
+        self._solve(given, list(roots), joints, reasons)
+        self._unwind(joints, reasons, {row: before[row] for row, root in roots.items() if signs[root]})
+        return joints, reasons
+
+    def _signs(self, joints: FloatArray) -> list[tuple[Condition, ...]]:
+        """The configurations of joints as conditions; empty where they are not known, or near a border."""
+        screws, chain = Screws.of(self.model.arm_.chain), self.model.arm_.chain
+        if screws is None:
+            return [()] * len(joints)
+        counted = self.language.controller_joints(chain, joints)
+        values = quantities_of(screws, chain.joint_angles(joints), counted)
+        signs: list[tuple[Condition, ...]] = []
+        for row in values[:, [QUANTITIES.index(name) for name in _SIGNS]].tolist():
+            ranges = [(0.0, inf) if value > 0 else (-inf, 0.0) for value in row]
+            conditions = tuple(Condition(name, *both) for name, both in zip(_SIGNS, ranges, strict=True))
+            signs.append(conditions if min(map(abs, row)) > _BORDER else ())
+        return signs
+
+    def _unwind(self, joints: FloatArray, reasons: list[str], before: Mapping[int, int]) -> None:
+        """Turn the joints of targets on a path into those nearest to the target before; of `before` the first first."""
+        low, high = self.model.arm_.limits.T
+        last: dict[int, int | None] = {}
+        for row, one in before.items():
+            near = last[row] = one if not reasons[one] else last.get(one)
+            if near is None or reasons[row]:
+                continue
+            joints[row] -= 2 * np.pi * np.round((joints[row] - joints[near]) / (2 * np.pi))
+            if ((joints[row] < low - Session.limit_tolerance) | (joints[row] > high + Session.limit_tolerance)).any():
+                reasons[row] = "the straight move to it leads beyond a joint limit"
+                joints[row] = np.nan
+
+    def _solve(self, targets: Sequence[Target], rows: Sequence[int], joints: FloatArray, reasons: list[str]) -> None:
+        """Write the joints of some targets, and why one has none."""
+        plain = [row for row in rows if targets[row].joints is not None]
         if plain:
             counted = np.array([targets[row].joints for row in plain])
             joints[plain] = self.language.model_joints(self.model.arm_.chain, counted)
-        poses = [row for row, target in enumerate(targets) if target.joints is None]
+        poses = [row for row in rows if targets[row].joints is None]
         if poses:
             some = [targets[row] for row in poses]
-            joints[poses], why = nominal_joints(self.model.arm_, self.chain, self.language, some, start)
+            joints[poses], why = nominal_joints(self.model.arm_, self.chain, self.language, some)
             for row, reason in zip(poses, why, strict=True):
                 reasons[row] = reason
-        return joints, reasons
 
     def corrected(
         self, targets: Sequence[Target], nominal: FloatArray, reasons: list[str]
@@ -104,14 +167,14 @@ class Solver:
                 yield rows, with_tool(self.model, np.concatenate([tool[:3, 3], rpy]))
 
     def bend(
-        self, targets: Sequence[Target], moves: Sequence[Move], nominal: FloatArray, corrected: FloatArray
+        self, targets: Sequence[Target], ends: Sequence[PathEnds], nominal: FloatArray, corrected: FloatArray
     ) -> tuple[float, int] | None:
-        """How far the tip leaves straight and circular moves between two corrected ends.
+        """How far the tip leaves the straight line between two corrected ends.
 
         Parameters
         ----------
         targets : sequence of Target
-        moves : sequence of Move
+        ends : sequence of PathEnds
         nominal, corrected : (n, 6) array
             Of the targets; NaN where they are not corrected.
 
@@ -120,40 +183,77 @@ class Solver:
         (float, int) or None
             The largest distance [mm], and the line of its move; None where no such move is between corrected targets.
         """
-        ends = []
-        for last, move in pairwise(moves):
-            if move.kind != "joint" and last.target is not None and move.target is not None:
-                ends.append((last.target, move.target, move.line))
-        before, after = (self._tools(targets, joints) for joints in (nominal, corrected))
+        before, after = (self.tools(targets, joints) for joints in (nominal, corrected))
         lengths = [np.linalg.norm(before[a, :3, 3] - before[b, :3, 3]) for a, b, _ in ends]
         longest = [ends[i] for i in np.argsort(lengths)[::-1] if np.isfinite(lengths[i]) and lengths[i] > 0]
-        worst: tuple[float, int] | None = None
         between, places, lines = [], [], []
         for a, b, line in longest[:N_MOVES]:
-            tool = targets[b].T_flange_tool
-            if tool is None or targets[a].T_flange_tool is not tool:
+            if targets[b].T_flange_tool is None or targets[a].T_flange_tool is not targets[b].T_flange_tool:
                 continue
             for share in _SHARES:
-                near = nominal[a] + share * (nominal[b] - nominal[a])
-                counted = self.language.controller_joints(self.model.arm_.chain, near[None])[0]
-                pose = _between(before[a], before[b], share)
-                between.append(Target("", line, {}, pose=pose, T_flange_tool=tool, T_base_work=np.eye(4), near=counted))
+                between.append(self.between(targets[b], nominal[[a, b]], before[[a, b]], share))
                 places.append(after[a, :3, 3] + share * (after[b, :3, 3] - after[a, :3, 3]))
                 lines.append(line)
         if not between:
             return None
         joints, reasons = self.nominal(between, None)
         bent, _ = self.corrected(between, joints, reasons)
-        away = np.linalg.norm(self._tools(between, bent)[:, :3, 3] - np.array(places), axis=1)
-        if np.isfinite(away).any():
-            row = int(np.nanargmax(away))
-            worst = float(away[row]), lines[row]
-        return worst
+        away = np.linalg.norm(self.tools(between, bent)[:, :3, 3] - np.array(places), axis=1)
+        if not np.isfinite(away).any():
+            return None
+        row = int(np.nanargmax(away))
+        return float(away[row]), lines[row]
 
-    def _tools(self, targets: Sequence[Target], joints: FloatArray) -> FloatArray:
+    def between(self, end: Target, joints: FloatArray, tools: FloatArray, share: float) -> Target:
+        """A target on the straight line to another one, in the base of the arm; `tools` (2, 4, 4) are its ends."""
+        near = joints[0] + share * (joints[1] - joints[0])
+        counted = self.language.controller_joints(self.model.arm_.chain, near[None])[0]
+        pose = _between(tools[0], tools[1], share)
+        return replace(end, joints=None, pose=pose, T_base_work=np.eye(4), near=counted, conditions=())
+
+    def tools(self, targets: Sequence[Target], joints: FloatArray) -> FloatArray:
         """(n, 4, 4) tools of the controller's arm in its base."""
         tools = [np.eye(4) if target.T_flange_tool is None else target.T_flange_tool for target in targets]
         return self.flange(joints) @ np.array(tools).reshape(-1, 4, 4)
+
+
+def ends_of(moves: Sequence[Move]) -> list[PathEnds]:
+    """The ends of all straight and circular moves between two targets of the program."""
+    return [ends for ends, _ in straight_moves(moves, ("linear", "circular"))]
+
+
+def straight_moves(moves: Sequence[Move], kinds: Sequence[MoveKind] = ("linear",)) -> Iterator[tuple[PathEnds, Move]]:
+    """Moves between two targets of the program, with their ends."""
+    for last, move in pairwise(moves):
+        if move.kind in kinds and last.target is not None and move.target is not None:
+            yield PathEnds(last.target, move.target, move.line), move
+
+
+def _is_open(target: Target) -> bool:
+    """Whether nothing states the configuration of a pose."""
+    return target.joints is None and not target.conditions and target.near is None
+
+
+def _predecessors(targets: Sequence[Target], moves: Sequence[Move]) -> dict[int, int]:
+    """Targets that state no configuration, and the one target from which straight moves lead to each."""
+    found: defaultdict[int, set[int | None]] = defaultdict(set)
+    for last, move in pairwise([Move(0, "joint", None), *moves]):
+        if move.target is not None and _is_open(targets[move.target]) and last.target != move.target:
+            found[move.target].add(last.target if move.follows and move.kind != "joint" else None)
+    return {row: one for row, (one, *more) in found.items() if one is not None and not more}
+
+
+def _roots(before: Mapping[int, int]) -> dict[int, int]:
+    """The first target of the path to every target, those nearer to it first; of a circle one of its own."""
+    found: dict[int, int] = {}
+    for row in before:
+        path: dict[int, None] = {}
+        at = row
+        while at in before and at not in found and at not in path:
+            path[at] = None
+            at = before[at]
+        found |= dict.fromkeys(reversed(path), found.get(at, at))
+    return found
 
 
 def check_joints_of_model(model: Compensator) -> None:

@@ -30,6 +30,7 @@ from truearm.wings.exports.programs.program import (
     Move,
     MoveKind,
     Number,
+    Passing,
     Program,
     Surroundings,
     Target,
@@ -46,6 +47,7 @@ _HIDDEN = re.compile(r"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'")
 _ASSIGNED = re.compile(r"(?<![\w.,(])(?<![,(] )([A-Za-z_]\w*)\s*(\[[^\]\n]*\])?\s*=(?!=)\s*")
 _GLOBAL = re.compile(r"\bglobal\s+([A-Za-z_]\w*)")
 _CALL = re.compile(r"(?<![\w.])((?:optimove|move)[jl]|move[pc]|servo[jc]|set_tcp)\s*\(")
+_BLEND_MM = 5.0
 _KINDS: dict[str, MoveKind] = {
     "movel": "linear",
     "optimovel": "linear",
@@ -59,6 +61,10 @@ _BLOCKS = re.compile(rf"{_OPENS.pattern}|{_ENDS.pattern}", re.MULTILINE)
 _LINE_END = re.compile(r"[\r\n]")
 _SIGN = re.compile(r"[()\[\],]")
 _NAME = re.compile(r"[A-Za-z_]\w*")
+_DEFINED = re.compile(r"^[ \t]*def\s+([A-Za-z_]\w*)", re.MULTILINE)
+_TURNS_OFF = r"\b(?:def|thread|while|if|elif|else|for|end|return|break|continue|halt)\b"
+_NAMED = re.compile(r"([a-z]\w*)\s*=")
+_SPEED_ARGUMENTS = 2  # acceleration and speed; then time and radius of the blend
 _INVERSE = re.compile(r"get_inverse_kin\s*\((.*)\)", re.DOTALL)
 _WITH_TOOL = 4  # arguments of get_inverse_kin before its tool
 POSE = ("x", "y", "z", "rx", "ry", "rz")
@@ -145,7 +151,7 @@ class _Reader:
         self.tools: list[_Literal | None] = []
         self.left: list[LeftAlone] = []
         self.uses: dict[int, _Use] = {}
-        self.moves: list[tuple[int, MoveKind, int]] = []
+        self.moves: list[tuple[Move, int]] = []
         self.n_uses: Counter[int] = Counter()
 
     def _assignments(self) -> tuple[dict[str, list[_Literal]], dict[str, str]]:
@@ -177,6 +183,8 @@ class _Reader:
         n_open = len(_OPENS.findall(self.code)) - len(_ENDS.findall(self.code))
         if n_open > 0:
             raise InputError(f"{n_open} blocks have no end: the program is truncated", line=self.line(len(self.text)))
+        names = "".join(rf"|{name}\s*\(" for name in _DEFINED.findall(self.code))
+        turns, last = re.compile(_TURNS_OFF + names), 0
         for call in _CALL.finditer(self.code):
             arguments = _arguments(self.code, call.end())
             if arguments is None:
@@ -184,12 +192,33 @@ class _Reader:
                     f"the call of {call[1]} does not end: the program is truncated", line=self.line(call.start())
                 )
             words = " ".join(self.text[call.start() : arguments[-1][1] + 1].split())
+            follows = not turns.search(self.code, last, call.start())
+            last = arguments[-1][1] if call[1] != "set_tcp" else last
             for start, end in arguments[: 2 if call[1] == "movec" else 1]:
                 named = re.compile(r"(?:pose|q)\w*\s*=\s*").match(self.code, start, end)
-                self._take(call[1], self.line(call.start()), words, named.end() if named else start, end)
+                move = Move(self.line(call.start()), _KINDS.get(call[1], "joint"), None, follows)
+                move = move._replace(passing=self._passing(call, arguments))
+                self._take(call[1], move, words, named.end() if named else start, end)
+                follows = True
 
-    def _take(self, call: str, line: int, words: str, start: int, end: int) -> None:
+    def _passing(self, call: re.Match[str], arguments: list[tuple[int, int]]) -> Passing | None:
+        """How a movel goes through further points: with its speed and acceleration, but without a stop."""
+        named = {found[1] for at, stop in arguments[1:] if (found := _NAMED.match(self.code, at, stop))}
+        if call[1] != "movel" or named - {"a", "v", "r"} or len(arguments) - 1 - len(named) > _SPEED_ARGUMENTS:
+            return None
+        begins = max(self.code.rfind(sign, 0, call.start()) for sign in "\n\r") + 1
+        blanks = self.text[begins : call.start()]
+        if blanks.strip():
+            return None
+        kept = [self.text[at:stop].rstrip() for at, stop in arguments[1:] if not re.match(r"r\s*=", self.code[at:stop])]
+        after = "".join(f", {one}" for one in kept)
+        ending = ")" + line_end_of(self.text.encode("latin-1")).decode() + blanks
+        first = self.text[call.start() : arguments[0][0]]
+        return Passing(call.start(), first.encode("latin-1"), (after + ending).encode("latin-1"), len(after))
+
+    def _take(self, call: str, move: Move, words: str, start: int, end: int) -> None:
         """Take one place of a move, or a tool."""
+        line = move.line
         inverse = _INVERSE.fullmatch(self.code[start:end].rstrip())
         near: list[_Literal] = []
         if inverse is not None:
@@ -206,9 +235,8 @@ class _Reader:
         if call == "set_tcp":
             self.tools += [None] if isinstance(lists, str) else lists
             return
-        kind = _KINDS.get(call, "joint")
         if isinstance(lists, str):
-            self.moves.append((line, kind, -1))
+            self.moves.append((move, -1))
             self.left.append(LeftAlone(line, words, lists))
             for name in _NAME.findall(self.code[start:end]):
                 self.bases.setdefault(name, line)
@@ -219,7 +247,7 @@ class _Reader:
                 literal.start, _Use(name if _NAME.fullmatch(name) else f"{call} in line {line}", literal)
             )
             use.near |= {one.start: one for one in near}
-            self.moves.append((line, kind, literal.start))
+            self.moves.append((move, literal.start))
 
     def _lists(self, start: int, end: int) -> list[_Literal] | str:
         """The literal lists that an expression can be, or why it is none."""
@@ -242,7 +270,7 @@ class _Reader:
         self.n_uses.update([*self.uses, *(start for use in self.uses.values() for start in use.near)])
         before: _Literal | None = None
         away = self._disagreements(tool, stated)
-        for start in dict.fromkeys(start for _, _, start in self.moves if start >= 0):
+        for start in dict.fromkeys(start for _, start in self.moves if start >= 0):
             use = self.uses[start]
             if not use.literal.is_pose:
                 before = use.literal
@@ -274,12 +302,13 @@ class _Reader:
         `away` is how far a pose is from joints of its own, None without them.
         """
         line, numbers, values = self.line(use.literal.start), use.literal.numbers, use.literal.values
+        span = (use.literal.start, use.literal.end)
         if not stated.is_stated:
             return NOT_STATED
         if not use.literal.is_pose:
             T_tool = None if isinstance(tool, str) else tool
             named = dict(zip(JOINTS, numbers, strict=True))
-            return Target(use.name, line, named, joints=np.array(values), T_flange_tool=T_tool)
+            return Target(use.name, line, named, joints=np.array(values), T_flange_tool=T_tool, span=span)
         if not any(values):
             return "a place-holder: all its numbers are zero"
         if isinstance(tool, str):
@@ -294,7 +323,7 @@ class _Reader:
                 return away
             if not away and self.n_uses[near.start] == 1:
                 named |= zip(JOINTS, near.numbers, strict=True)
-        return Target(use.name, line, named, pose=T, T_flange_tool=tool, T_base_work=np.eye(4), near=q)
+        return Target(use.name, line, named, pose=T, T_flange_tool=tool, T_base_work=np.eye(4), near=q, span=span)
 
     def _tool(self, beside: Surroundings) -> tuple[FloatArray | None, str]:
         """The only tool of the program, or that of the frames, and why there is none."""
@@ -362,7 +391,7 @@ class URScript(Language):
             data,
             tuple(targets.values()),
             tuple(sorted(left)),
-            tuple(Move(line, kind, order.get(start)) for line, kind, start in reader.moves),
+            tuple(move._replace(target=order.get(start)) for move, start in reader.moves),
             (*reader.notes(), *filter(None, [stated.note if stated.is_stated else ""])),
             stated.controller,
         )
@@ -382,6 +411,10 @@ class URScript(Language):
         """See `Language`."""
         at = text_start(program.data)
         return Edit(at, at, f"# {words}".encode("latin-1") + line_end_of(program.data))
+
+    def zone(self, spacing_mm: float) -> bytes:
+        """See `Language`: blends must not overlap."""
+        return b", r=%g" % (min(_BLEND_MM, spacing_mm / 4) / MM_PER_M)
 
     def number_text(self, number: Number, value: float, decimals: int) -> bytes:
         """See `Language`: a zero before the point as the number has it."""

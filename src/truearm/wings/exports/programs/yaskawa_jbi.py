@@ -211,6 +211,7 @@ class YaskawaJob(Language):
 
     title = "Yaskawa job"
     endings = (".jbi",)
+    takes_no_targets = "a job states the number of its points"
     decimals = 0
 
     def recognises(self, data: bytes) -> bool:
