@@ -24,6 +24,9 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# To search what collection makes for garbage would be a third of its time, and hardly any of it is.
+gc.disable()
+
 # A suite that passed passes again: what hypothesis tries hangs on the test alone, and a busy machine fails none.
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
@@ -39,9 +42,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """Ten thousand tests live until the end: a search for garbage, a twentieth of the time, leaves them out."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ import ast
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import wraps
+from functools import cache, wraps
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import Parameter, Signature, signature
@@ -240,7 +240,7 @@ class of_verb:
             """Stand for the command."""
 
         named.__signature__ = Signature()  # type: ignore[attr-defined]
-        named.with_options = lambda: self.complete(command)  # type: ignore[attr-defined]
+        named.with_options = cache(lambda: self.complete(command))  # type: ignore[attr-defined]
         return named
 
     def complete(self, command: Callable[..., None]) -> Callable[..., None]:
