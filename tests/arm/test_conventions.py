@@ -107,7 +107,7 @@ def test_a_table_that_does_not_fit_is_refused(change, message):
 # Out
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1))
 @pytest.mark.parametrize("table_of", TABLES)
 def test_a_table_of_any_chain_rebuilds_it(table_of, seed):

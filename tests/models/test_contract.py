@@ -116,9 +116,10 @@ def is_meant(estimator, check):
 def estimator_checks():
     with warnings.catch_warnings():  # models have scikit-learn's protocol without its base class, which it remarks
         warnings.filterwarnings("ignore", message=".* does not inherit from", category=UserWarning)
-        # A physical model is learned as a kinematic one, with more terms.
+        # The kinematic and the physical model have the protocol of the nominal one from the same class, and fit
+        # random tables slowly.
         return [
-            pytest.param(*pair, marks=pytest.mark.weekly if isinstance(one, PhysicalModel) else ())
+            pytest.param(*pair, marks=pytest.mark.weekly if isinstance(one, KinematicModel | PhysicalModel) else ())
             for one in MEMBERS
             for pair in estimator_checks_generator(one)
             if is_meant(*pair)

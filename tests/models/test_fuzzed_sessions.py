@@ -50,9 +50,10 @@ def session(rng: np.random.Generator) -> tuple[Session, Lengths | None]:
     return Session(angles, **given), lengths
 
 
+@pytest.mark.parametrize("examples", [4, pytest.param(40, marks=pytest.mark.weekly)])
 @pytest.mark.parametrize("kind", [NominalModel, KinematicModel, PhysicalModel])
-def test_a_session_is_learned_from_or_refused(kind, tmp_path):
-    @settings(max_examples=10)
+def test_a_session_is_learned_from_or_refused(kind, examples, tmp_path):
+    @settings(max_examples=examples)
     @given(st.integers(0, 2**32), st.sampled_from([(), ("base",), ("tip",), ("base", "tip")]))
     def law(seed, free):
         readings, lengths = session(np.random.default_rng(seed))

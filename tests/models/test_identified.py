@@ -303,7 +303,7 @@ def test_terms_that_readings_cannot_show_are_named(real, rng):
     assert KinematicModel(real.arm).fit_readings(readings).excluded_terms_ == ()
 
 
-@pytest.mark.parametrize("highest", [1, 3, 16])
+@pytest.mark.parametrize("highest", [1, pytest.param(3, marks=pytest.mark.weekly), 16])
 def test_the_highest_order_is_an_option(highest, real, rng):
     """Of the harmonics about a joint's own axis, counted before evidence prunes."""
     model = PhysicalModel(real.arm, highest=highest).fit_readings(real.points(80, rng, half_width=2.0))

@@ -75,7 +75,7 @@ def test_zeros_of_the_joints_do_not_matter(measured, predicted, name, behind):
     np.testing.assert_allclose(model.predict(box(50, 2) + shift), predicted[name][0], rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("factor", [1 / 25.4, 1000.0])
+@pytest.mark.parametrize("factor", [1 / 25.4, pytest.param(1000.0, marks=pytest.mark.weekly)])
 @pytest.mark.parametrize("name", KINDS)
 def test_the_unit_of_lengths_does_not_matter(measured, predicted, name, factor):
     """To a thousandth of the uncertainty: weights of the noise end at a nanometre, whatever the unit."""

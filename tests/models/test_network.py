@@ -163,8 +163,14 @@ def test_options_are_cloned(arm):
 # Uncertainty ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("trainer", ["varpro", "trainbr"])
-@pytest.mark.parametrize("validation", [0.0, 0.2])
+@pytest.mark.parametrize(
+    ("validation", "trainer"),
+    [
+        (0.0, "varpro"),
+        (0.2, "trainbr"),
+        *(pytest.param(*one, marks=pytest.mark.weekly) for one in ((0.0, "trainbr"), (0.2, "varpro"))),
+    ],
+)
 def test_an_ensembles_uncertainty_is_that_of_new_readings_and_grows_where_there_were_none(
     validation, trainer, arm, rng
 ):

@@ -126,8 +126,14 @@ def test_an_arm_known_from_seats_comes_before_a_tracker(real):
     assert np.linalg.norm(new.predict_readings(test) - truth, axis=1).mean() < 0.3
 
 
-@pytest.mark.parametrize("kind", [NominalModel, KinematicModel, PhysicalModel])
-@pytest.mark.parametrize("free", [(), ("base",), ("base", "tip")])
+@pytest.mark.parametrize(
+    ("kind", "free"),
+    [
+        (kind, free) if (i - j) % 3 == 0 else pytest.param(kind, free, marks=pytest.mark.weekly)
+        for i, kind in enumerate((NominalModel, KinematicModel, PhysicalModel))
+        for j, free in enumerate(((), ("base",), ("base", "tip")))
+    ],
+)
 def test_every_model_whatever_was_free_in_it(real, kind, free):
     rng = np.random.default_rng(6)
     model = kind(real.arm, free=free, **({"highest": 2} if kind is PhysicalModel else {}))

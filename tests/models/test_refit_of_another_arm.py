@@ -20,7 +20,7 @@ def model():
     return ta.fit("ur10", readings(arm_seed=3, poses=60, seed=1), model="kinematic").model
 
 
-@pytest.mark.parametrize("arm_seed", [4, 5, 6])
+@pytest.mark.parametrize("arm_seed", [4, *(pytest.param(i, marks=pytest.mark.weekly) for i in (5, 6))])
 def test_another_arm_is_refused_and_may_be_accepted(model, arm_seed):
     other = readings(arm_seed=arm_seed)
     caught = refuses("constants of the model would have to move by . standard unc", ta.refit, model, other)

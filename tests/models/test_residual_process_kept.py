@@ -109,7 +109,7 @@ def test_it_takes_the_place_of_terms_that_depend_on_the_pose(fitted, arm, test_r
     assert mean_error(model, test_readings) < mean_error(beside, test_readings) + 0.01 * NOISE
 
 
-@pytest.mark.parametrize("bend", [0.3, 0.0])
+@pytest.mark.parametrize("bend", [0.3, pytest.param(0.0, marks=pytest.mark.weekly)])
 def test_stretches_of_many_readings_show_what_all_of_them_show(arm, test_readings, monkeypatch, bend):
     """It is tried in a quarter of the readings, and either in all of them or not at all: the model is the same."""
     monkeypatch.setattr("truearm.identification.identify.MAX_SHARE_LEFT", 0.0)  # it is tried in place of all terms

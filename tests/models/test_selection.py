@@ -57,7 +57,7 @@ def test_the_simplest_model_that_explains_the_readings_is_kept(planted, real, rn
     assert model.held_out_.mean_mm == pytest.approx(kept.mean_mm, rel=1e-12)  # sorted rows are summed in another order
 
 
-@pytest.mark.parametrize("size", [1.0, 100.0])
+@pytest.mark.parametrize("size", [1.0, pytest.param(100.0, marks=pytest.mark.weekly)])
 def test_gross_errors_do_not_change_the_choice(size, real, rng, monkeypatch):
     """One in twenty: the constants are kept, and their errors on the other readings are stated."""
     monkeypatch.delitem(CANDIDATES, "physical")  # quicker

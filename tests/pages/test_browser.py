@@ -17,7 +17,7 @@ def path(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("width", [500, 1400])
+@pytest.mark.parametrize("width", [pytest.param(500, marks=pytest.mark.weekly), 1400])
 def test_a_browser_shows_the_page_without_a_complaint(chromium, path, width):
     with Tab(chromium, path, width=width) as tab:
         tab.page.set_viewport_size({"width": width, "height": 6000})

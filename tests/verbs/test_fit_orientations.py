@@ -32,8 +32,15 @@ def error_mm(result, session) -> float:
     return ta.evaluate(result.model, replace(session, quaternion=None)).errors["model"]["mean_mm"]
 
 
-@pytest.mark.parametrize("name", ["session", "tip"])
-@pytest.mark.parametrize("turn", [(90.0, 0.0, 30.0), (2.0, 0.0, 1.0)])
+@pytest.mark.parametrize(
+    ("name", "turn"),
+    [
+        ("session", (90.0, 0.0, 30.0)),
+        ("tip", (2.0, 0.0, 1.0)),
+        pytest.param("tip", (90.0, 0.0, 30.0), marks=pytest.mark.weekly),
+        pytest.param("session", (2.0, 0.0, 1.0), marks=pytest.mark.weekly),
+    ],
+)
 def test_a_marker_that_was_mounted_again_has_a_rotation_of_its_own(name, turn):
     session = poses(remount_deg=turn, **{name: np.where(SECOND, "B", "A")})
     result = ta.fit(ARM, session, model="kinematic")
@@ -42,7 +49,7 @@ def test_a_marker_that_was_mounted_again_has_a_rotation_of_its_own(name, turn):
     assert np.degrees(turned.noise_std / 1000) == pytest.approx(0.02, rel=0.2)  # of 180 components
 
 
-@pytest.mark.parametrize("turn_deg", [3.0, 10.0])
+@pytest.mark.parametrize("turn_deg", [3.0, pytest.param(10.0, marks=pytest.mark.weekly)])
 def test_noisy_orientations_are_said_in_degrees_and_take_nothing_from_the_points(turn_deg):
     session = poses(turn_deg=turn_deg)
     for model in ("nominal", "kinematic"):

@@ -18,7 +18,10 @@ def with_noise(arm: str, noise_mm: float, n: int, *, seed: int) -> Session:
     return Session(readings.angles, readings.points + noise_mm * np.random.default_rng(seed).standard_normal((n, 3)))
 
 
-@pytest.mark.parametrize("options", [{"model": "hybrid", "hidden": (2,), "epochs": 2, "n_members": 2}, {}])
+@pytest.mark.parametrize(
+    "options",
+    [pytest.param({"model": "hybrid", "hidden": (2,), "epochs": 2, "n_members": 2}, marks=pytest.mark.weekly), {}],
+)
 def test_scatter_is_the_first_remark_of_every_model(options, monkeypatch):
     """Also where the nominal arm is kept, as noise hides all errors of its constants; without the physical, quicker."""
     monkeypatch.delitem(CANDIDATES, "physical")
@@ -70,7 +73,7 @@ def test_without_readings_held_out_the_nominal_arm_is_kept_and_changes_are_looke
     assert said in kept.findings
 
 
-@pytest.mark.parametrize("decimals", [2, 12])
+@pytest.mark.parametrize("decimals", [2, pytest.param(12, marks=pytest.mark.weekly)])
 @pytest.mark.parametrize("model", ["nominal", "kinematic"])
 def test_points_that_a_controller_calculated_are_said_not_to_be_measured(model, decimals):
     """To 0.01 mm, as a pendant shows them, and with all digits; measured ones are not, rounded alike."""

@@ -86,7 +86,15 @@ def test_planted_prior_scales_of_constants_are_recovered(rng):
     np.testing.assert_array_less(np.abs(np.log2(np.median(sizes, axis=0) / [2e-3, 0.2])), 1)
 
 
-@pytest.mark.parametrize(("n", "arms"), [(12, 40), (20, 40), (60, 30), (300, 15)])
+@pytest.mark.parametrize(
+    ("n", "arms"),
+    [
+        (12, 40),
+        pytest.param(20, 40, marks=pytest.mark.weekly),
+        pytest.param(60, 30, marks=pytest.mark.weekly),
+        (300, 15),
+    ],
+)
 def test_noise_and_stated_uncertainty_are_right_for_few_and_many_readings(n, arms, rng):
     """Over drawn arms: the noise found, and the squared error of a predicted tip in its covariance (chi-square, 3)."""
     arm = load_arm("gao2017")

@@ -195,7 +195,9 @@ def test_five_per_cent_of_gross_errors_do_little_and_are_listed(arm, rng):
 
 
 @pytest.mark.parametrize("free", [(), ("base", "tip")])
-@pytest.mark.parametrize("n", [1, 2, 3, 5])
+@pytest.mark.parametrize(
+    "n", [1, pytest.param(2, marks=pytest.mark.weekly), 3, pytest.param(5, marks=pytest.mark.weekly)]
+)
 def test_few_readings_state_a_large_uncertainty(n, free, arm, rng):
     """Over eight arms: squared errors at other poses in the stated covariance, whose expectation is three.
 
@@ -371,7 +373,14 @@ def test_groups_that_many_readings_can_see_are_not_pruned(n, is_kept, arm, rng):
         assert (std < small).all()
 
 
-@pytest.mark.parametrize("what", ["all", "some excluded", "of several uncertainties", "in two steps"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        "some excluded",
+        "in two steps",
+        *(pytest.param(one, marks=pytest.mark.weekly) for one in ("all", "of several uncertainties")),
+    ],
+)
 def test_many_readings_that_start_from_a_sample_give_the_same_arm(what, arm, rng, monkeypatch):
     terms = [*constants(arm.chain, free=()), *own_axis(arm.chain, 2, highest=2)]
     angles = poses(arm, 6000, rng)

@@ -127,7 +127,9 @@ def assert_same_equations(found, expected, rtol=1e-10):
 # Derivatives
 
 
-@pytest.mark.parametrize(("seed", "slides", "size"), [(1, 2, 1.0), (2, None, 30.0)])
+@pytest.mark.parametrize(
+    ("seed", "slides", "size"), [(1, 2, 1.0), pytest.param(2, None, 30.0, marks=pytest.mark.weekly)]
+)
 def test_gradient_and_matrix_are_those_of_a_dense_jacobian_by_differences(seed, slides, size):
     """At motions of their usual size, and thirty times that (0.1 rad, 100 mm), where first order would not do."""
     problem, x, weights = everything(seed, slides=slides, size=size)

@@ -117,7 +117,7 @@ def test_answer_and_covariance_are_those_of_dense_algebra(known):
     assert (stated < 1.2 * NOISE**2).all()
 
 
-@pytest.mark.parametrize("changed", [0.0, 0.3])
+@pytest.mark.parametrize("changed", [pytest.param(0.0, marks=pytest.mark.weekly), 0.3])
 def test_an_arm_that_changed_is_identified_again_and_the_uncertainty_holds(known, changed):
     """Planted changes of every joint term by a share of its prior standard deviation, unknown to the update."""
     rng = np.random.default_rng(21)
@@ -140,7 +140,7 @@ def test_an_arm_that_changed_is_identified_again_and_the_uncertainty_holds(known
         assert np.mean(errors) < 0.5 * np.mean(unchanged)
 
 
-@pytest.mark.parametrize(("n", "most"), [(5, 1.0), (40, 0.98)])
+@pytest.mark.parametrize(("n", "most"), [(5, 1.0), pytest.param(40, 0.98, marks=pytest.mark.weekly)])
 def test_stated_uncertainty_is_right_for_many_arms_and_set_ups(known, n, most):
     """True arms drawn from the posterior, each seen anew in a few poses and asked at others.
 

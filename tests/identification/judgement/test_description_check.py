@@ -223,7 +223,9 @@ def two_joints_move(arm, n: int = 60) -> np.ndarray:
     return angles + np.random.default_rng(2).normal(0, 2e-5, angles.shape)
 
 
-@pytest.mark.parametrize(("name", "few"), [("iiwa7", True), ("ur10", False), ("gao2017", True)])
+@pytest.mark.parametrize(
+    ("name", "few"), [pytest.param("iiwa7", True, marks=pytest.mark.weekly), ("ur10", False), ("gao2017", True)]
+)
 def test_an_arm_that_sags_has_no_mistake_in_its_file(name, few, rng):
     arm = load_arm(name)
     angles = two_joints_move(arm) if few else rng.uniform(-1.5, 1.5, (40, arm.n_joints))

@@ -69,7 +69,7 @@ def test_both_signs_agree_where_the_readings_are():
     assert np.median(of_right) < np.median(of_both) < 2 * np.median(of_right)  # 0.008 and 0.012 mm
 
 
-@pytest.mark.parametrize("arm_seed", [3, 5])
+@pytest.mark.parametrize("arm_seed", [3, pytest.param(5, marks=pytest.mark.weekly)])
 def test_the_odds_of_a_sign_are_those_of_the_other_the_other_way_round(arm_seed):
     stds = []
     for is_reversed in (False, True):
@@ -86,7 +86,7 @@ def test_a_sign_that_is_shown_changes_nothing():
     assert not signs(ta.fit("ur10", replace(session, points=session.points + 50 * beside), model="kinematic").model)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.weekly)])
 def test_seats_without_a_length_make_no_false_sign(seed):
     """The size that is held there counts in the sum of squares: the other sign explained less than nothing."""
     session = ta.simulate("measuring7", poses=48, seed=seed, strategy="seat", seats=4, reference=False).session

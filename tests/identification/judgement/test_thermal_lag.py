@@ -64,7 +64,7 @@ def errors(model, virtual, degC):
     return np.sqrt((np.linalg.solve(covariance, off[:, :, None])[:, :, 0] * off).sum(axis=1).mean() / 3)
 
 
-@pytest.mark.parametrize("degC", [18.0, 20.0, 26.0, 30.0])
+@pytest.mark.parametrize("degC", [18.0, *(pytest.param(one, marks=pytest.mark.weekly) for one in (20.0, 26.0, 30.0))])
 def test_the_expansion_of_links_that_lag_is_recovered_within_its_uncertainty(virtual, readings, degC):
     model = PhysicalModel(virtual.nominal, highest=2, residual=False).fit_readings(readings)
     assert errors(model, virtual, degC) < 1.5

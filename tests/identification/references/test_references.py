@@ -144,7 +144,7 @@ def test_relations_among_unknowns_have_the_difference_quotients_as_derivatives(s
         # Over a hundred draws the mean was 1.1, a draw's standard deviation 0.4: bounds at four of six draws' mean.
         (("base", "tip"), {"point": 40, "seat": 30, "sphere": 30, "plane": 30, "line": 20}, (0.45, 1.75)),
         # Artefacts alone: few directions, as the scale from one bar, make most of the error. Sixty draws: 1.2 and 0.9.
-        (("tip",), {"seat": 60, "sphere": 40, "plane": 40}, (0.2, 2.7)),
+        pytest.param(("tip",), {"seat": 60, "sphere": 40, "plane": 40}, (0.2, 2.7), marks=pytest.mark.weekly),
     ],
 )
 def test_a_planted_arm_is_recovered_within_its_stated_uncertainty(free, counts, bounds):

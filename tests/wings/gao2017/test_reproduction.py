@@ -373,7 +373,7 @@ def whole(tmp_path_factory):
     return reproduce(["table 2"], effort=EFFORT, folder=folder), sorted(path.name for path in folder.iterdir())
 
 
-@pytest.mark.parametrize("after", [1, 3, 16])
+@pytest.mark.parametrize("after", [1, pytest.param(3, marks=pytest.mark.weekly), 16])
 def test_an_interrupted_reproduction_resumes_with_the_next_training_to_the_same_results(tmp_path, whole, after):
     """At the start of a training, in its middle, after others have finished."""
     with pytest.raises(KeyboardInterrupt):

@@ -104,7 +104,7 @@ class Errors:
         )
 
 
-@pytest.mark.parametrize("kind", ["sphere", "circle", "length"])
+@pytest.mark.parametrize("kind", ["sphere", pytest.param("circle", marks=pytest.mark.weekly), "length"])
 def test_what_all_points_share_moves_the_place_and_a_scale_the_size(kind):
     feature = {"sphere": sphere([500.0, 0, 0], 50.0), "circle": circle([500.0, 0, 0], UP, 50.0)}.get(kind)
     points = np.array([[500.0, 0, 0], [550.0, 0, 0]]) if feature is None else feature.points
@@ -127,7 +127,10 @@ def test_what_all_points_share_moves_the_place_and_a_scale_the_size(kind):
         assert centre.u == pytest.approx(0.1, rel=0.11)
 
 
-@pytest.mark.parametrize(("kind", "n", "freedom"), [("circle", 5, 4), ("sphere", 9, 5), ("plane", 9, 6)])
+@pytest.mark.parametrize(
+    ("kind", "n", "freedom"),
+    [("circle", 5, 4), pytest.param("sphere", 9, 5, marks=pytest.mark.weekly), ("plane", 9, 6)],
+)
 def test_few_points_show_their_scatter_by_students_distribution(kind, n, freedom, rng):
     feature = {"circle": circle, "plane": plane}[kind]([0, 0, 0], UP, 50.0, points=n) if kind != "sphere" else None
     feature = sphere([0, 0, 0], 50.0, points=n) if feature is None else feature

@@ -96,7 +96,7 @@ def test_intervals_of_two_points_hold_what_they_say(models, true_errors, length)
         pytest.param(plane(MIDDLE, UP, 200.0), 0.75, marks=pytest.mark.weekly),
         # Up to 37 % of these postures are 0.6 rad or more outside the trained range of an arm, where the drawing's
         # error is stated and hardly made.
-        (FACING, 0.75),
+        pytest.param(FACING, 0.75, marks=pytest.mark.weekly),
     ],
     ids=["length of 40 points", "ball", "plate lying", "plate facing"],
 )
