@@ -86,6 +86,7 @@ def test_the_kinematic_model_finds_the_arm_and_what_it_cannot_explain(n, real, r
     assert model.free_ == ("base", "tip")
 
 
+@pytest.mark.weekly
 def test_ellipsoids_hold_what_they_say_on_new_readings(real):
     """Over twelve sessions of 60 readings, 100 new readings each: 95 % of them."""
     rng = np.random.default_rng(3)

@@ -46,6 +46,7 @@ def test_what_it_states_of_tensors_is_so():
     assert record.perf[-1] < record.perf[0] / 100
 
 
+@pytest.mark.weekly
 def test_what_it_states_of_an_ensemble_is_so(names):
     inside, outside = names["test"], names["measured"]("measuring", 200, 3)  # everyday poses, far outside the box
 

@@ -102,12 +102,14 @@ def test_dask_gives_the_same(cluster):
     assert by_number(Dask(cluster.scheduler_address), square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
 
 
+@pytest.mark.weekly
 @needs_kill
 def test_dask_gives_the_task_of_a_killed_worker_to_another(cluster, tmp_path):
     tasks = [(i, str(tmp_path / "mark") if i == 1 else "") for i in range(5)]
     assert by_number(Dask(cluster.scheduler_address), killed_once, tasks) == [0, 1, 2, 3, 4]
 
 
+@pytest.mark.weekly
 @needs_kill
 def test_dask_gives_up_a_task_that_kills_its_workers(cluster):
     *found, last = by_number(Dask(cluster.scheduler_address), killed_always, [0, 1, 3, 2])
@@ -149,6 +151,7 @@ def test_what_is_no_address_of_a_scheduler_is_refused(address):
     assert chosen_executor(None, "tcp://[::1]:8786") == Dask("tcp://[::1]:8786")
 
 
+@pytest.mark.weekly
 @pytest.mark.skipif(sys.platform == "win32", reason="processes are ended by signals")
 def test_a_restarted_scheduler_gets_what_is_left(tmp_path):
     pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")

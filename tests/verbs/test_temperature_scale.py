@@ -8,6 +8,8 @@ import pytest
 import truearm as ta
 from refusals import refuses
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 N = 30
 
 

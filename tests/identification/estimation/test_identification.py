@@ -280,7 +280,7 @@ def test_a_term_beyond_the_chain_is_refused(arm):
 # Anything
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(1, 12),

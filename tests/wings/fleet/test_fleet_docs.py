@@ -1,5 +1,7 @@
 """The page about many arms: its list, its commands and what they print."""
 
+import contextlib
+
 import pytest
 
 import truearm as ta
@@ -9,18 +11,27 @@ from truearm.wings.fleet.arm_list import read_arm_list
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
 
-def test_its_walk_prints_what_it_says_and_a_cluster_gives_the_same_models(truearm, tmp_path, monkeypatch, capsys):
-    """Twenty arms one by one; three of them, from another folder, on a cluster of two workers: to the last bit."""
+@pytest.fixture(scope="module")
+def walked(truearm, tmp_path_factory):
+    """Where the walk was walked: twenty arms one by one."""
+    folder = tmp_path_factory.mktemp("walk")
+    with contextlib.chdir(folder):
+        exec(block("fleet.md", "python readings"), {})
+        walk(truearm, block("fleet.md", "console fleet"))
+    return folder
+
+
+def test_its_walk_prints_what_it_says(truearm, walked):
+    assert truearm("fleet", "status", walked / "fleet", "--json").done().out.count('"in force"') == 20
+
+
+@pytest.mark.weekly
+def test_a_cluster_gives_the_same_models(walked, tmp_path, monkeypatch, capsys):
+    """Three of the arms, from another folder, on a cluster of two workers: to the last bit."""
     pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")
+    serial = ta.Fleet(walked / "fleet").registry.fits()
     monkeypatch.chdir(tmp_path)
-    exec(block("fleet.md", "python readings"), {})
-    walk(truearm, block("fleet.md", "console fleet"))
-    assert truearm("fleet", "status", "fleet", "--json").done().out.count('"in force"') == 20
-    serial = ta.Fleet("fleet").registry.fits()
-    few = tmp_path / "cluster"
-    few.mkdir()
-    monkeypatch.chdir(few)
-    ta.Fleet.create("fleet").add_all(read_arm_list(tmp_path / "arms.csv")[:3], beside=tmp_path)
+    ta.Fleet.create("fleet").add_all(read_arm_list(walked / "arms.csv")[:3], beside=walked)
     capsys.readouterr()
     exec(block("fleet.md", "python cluster"), {})
     assert capsys.readouterr().out == "3 arms fitted, 0 failed; 0 arms are unchanged.\n"

@@ -139,7 +139,7 @@ def test_readings_measured_already_count_and_new_seats_get_new_names(truearm, tm
 
 
 def test_a_smaller_volume_has_a_smaller_uncertainty(truearm, tmp_path):
-    arguments = ["plan", "gao2017", "--artefact", "tracker", "--poses", 20, *QUICK, "--json"]
+    arguments = ["plan", "gao2017", "--artefact", "tracker", "--poses", 12, *QUICK, "--json"]
     found = [
         json.loads(truearm(*arguments, *volume, "--out", tmp_path / f"{i}.csv").out)
         for i, volume in enumerate(([], ["--volume", "500,600,-100,100,20"]))
