@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from truearm.arm.chain import Chain, Pose, PoseDerivatives
-from truearm.identification.terms.basis import Basis, Constant, Harmonics
+from truearm.identification.terms.basis import Basis, Constant, Harmonics, InSession, OfTip
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.readings.readings import PAYLOAD
@@ -200,17 +200,25 @@ class PerturbedChain:
 
         return self.chain.pose_jacobians(state.angles, derivatives)
 
-    def constant_motions(self, x: FloatArray, *also: Basis) -> FloatArray:
-        """(n_places, 6) motions [rad, mm] by the constant terms, and terms with other bases, without the others."""
+    def constants_of(self, session: str, tip: str) -> BoolArray:
+        """(n_coefficients,) which coefficients are the same at all readings of a session with a tip."""
+        return np.repeat(
+            [isinstance(term.basis, Constant) or term.basis in (InSession(session), OfTip(tip)) for term in self.terms],
+            [term.n_coefficients for term in self.terms],
+        )
+
+    def constant_motions(self, x: FloatArray, which: BoolArray | None = None) -> FloatArray:
+        """(n_places, 6) motions [rad, mm] by the constant terms, or by those of `constants_of`, without the others."""
+        which = self.of_basis(Constant) if which is None else which
         motions = np.zeros((self.chain.n_places, 6))
         for term, columns in zip(self.terms, self.columns, strict=True):
-            if isinstance(term.basis, Constant) or term.basis in also:
+            if which[columns[0]]:
                 motions[term.place] += x[columns[0]] * np.array(term.direction)
         return motions
 
-    def with_constants(self, x: FloatArray, *also: Basis) -> Chain:
-        """The chain with the constant terms composed, and those with other bases, without the others."""
-        return self.chain.with_motions(self.constant_motions(x, *also))
+    def with_constants(self, x: FloatArray, which: BoolArray | None = None) -> Chain:
+        """The chain with the constant terms composed, or those of `constants_of`, without the others."""
+        return self.chain.with_motions(self.constant_motions(x, which))
 
     def tips(self, state: ArmState, x: FloatArray) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""

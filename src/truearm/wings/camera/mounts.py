@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
 from truearm.arm.rigid_motions import cross_matrix, xyz_rpy_from_frame
-from truearm.identification.terms.basis import Basis, Constant, InSession, OfTip
 from truearm.models.identified_model import IdentifiedModel
 from truearm.typing import FloatArray
 from truearm.wings.camera.closed_form import HandEyeAlone, inverse, motion
@@ -113,18 +112,16 @@ def small_motion(T: FloatArray, T0: FloatArray) -> FloatArray:
     return np.concatenate([T[:3, 3] - T0[:3, 3], turn])
 
 
-def where_it_stands(model: IdentifiedModel, name: str, parent: str = "base") -> Transform:
+def where_it_stands(model: IdentifiedModel, name: str) -> Transform:
     """What stands, a camera or a board, in the base: the frame of the readings of the session of that name."""
     nominal, frame = model.arm_.chain, model.session_frames_.get(name, np.eye(4))
-    return _transform(model, name, parent, lambda chain: mounts(chain, nominal)[0] @ frame, InSession(name))
+    return _transform(model, name, "base", lambda chain: mounts(chain, nominal)[0] @ frame)
 
 
-def where_it_is_carried(
-    model: IdentifiedModel, name: str, T_child_tip: FloatArray, parent: str = "flange"
-) -> Transform:
+def where_it_is_carried(model: IdentifiedModel, name: str, T_child_tip: FloatArray) -> Transform:
     """What the flange carries, a board or a camera, by the tip of that name in its frame (4, 4) [mm]."""
     nominal, back = model.arm_.chain, inverse(T_child_tip)
-    return _transform(model, name, parent, lambda chain: mounts(chain, nominal)[1] @ back, OfTip(name))
+    return _transform(model, name, "flange", lambda chain: mounts(chain, nominal)[1] @ back)
 
 
 def of_model(model: IdentifiedModel, *, eye_in_hand: bool, centre: FloatArray) -> tuple[Transform, Transform]:
@@ -143,22 +140,18 @@ def of_model(model: IdentifiedModel, *, eye_in_hand: bool, centre: FloatArray) -
     return found[::-1] if eye_in_hand else found
 
 
-def _transform(
-    model: IdentifiedModel, child: str, parent: str, of: Callable[[Chain], FloatArray], *also: Basis
-) -> Transform:
-    """A motion that depends on the constants of a model, and on coefficients of other bases, to first order."""
-    chain, covariance = model.fit_.perturbed_chain, model.fit_.covariance
-    moves = [i for term, columns in zip(chain.terms, chain.columns, strict=True)
-             if isinstance(term.basis, Constant) or term.basis in also for i in columns.tolist()]  # fmt: skip
-    x = model.fit_.coefficients
-    T = of(chain.with_constants(x, *also))
-    std = np.sqrt(np.diag(covariance)[moves])
+def _transform(model: IdentifiedModel, child: str, parent: str, of: Callable[[Chain], FloatArray]) -> Transform:
+    """A motion that depends on the constants of a model where a session or a tip is the child, to first order."""
+    chain, covariance, x = model.fit_.perturbed_chain, model.fit_.covariance, model.fit_.coefficients
+    which = chain.constants_of(child, child)
+    moves = np.flatnonzero(which)
+    T, std = of(chain.with_constants(x, which)), np.sqrt(np.diag(covariance)[moves])
     changes = np.zeros((len(moves), 6))
-    for change, i, one in zip(changes, moves, std.tolist(), strict=True):
+    for change, i, one in zip(changes, moves.tolist(), std.tolist(), strict=True):
         if one > 0:
             moved = x.copy()
             moved[i] += STEP * one
-            change[:] = small_motion(of(chain.with_constants(moved, *also)), T) / STEP
+            change[:] = small_motion(of(chain.with_constants(moved, which)), T) / STEP
     alike = covariance[np.ix_(moves, moves)] / np.maximum(np.outer(std, std), np.finfo(float).tiny)
     return Transform(child, parent, T, changes.T @ alike @ changes)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.files.delimited import MAX_BYTES, Sheet, check_names, quoted_cell, read_columns, read_form, write_columns
+from truearm.files.delimited import MAX_BYTES, check_names, quoted_cell, read_columns, read_form, write_columns
 from truearm.files.file_reading import check_readable
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.wings.camera.boards import whole_numbers
@@ -191,18 +191,18 @@ def read_pixels(path: str | Path) -> PixelObservations:
     corner = whole_numbers(numbers[:, 1], "corner", sheet.error)
     image = names.get("image", np.char.add("reading ", reading.astype(np.str_)))
     camera, board = (names.get(name, np.full(len(reading), name)) for name in ("camera", "board"))
-    sizes = _sizes(sheet, numbers[:, 4:], camera) if has_size else {}
+    sizes = _sizes(numbers[:, 4:], camera, sheet.error) if has_size else {}
     return PixelObservations(reading, image, camera, board, corner, numbers[:, 2:4], path, sizes)
 
 
-def _sizes(sheet: Sheet, numbers: FloatArray, camera: NameArray) -> dict[str, tuple[int, int]]:
+def _sizes(numbers: FloatArray, camera: NameArray, error: Callable[..., InputError]) -> dict[str, tuple[int, int]]:
     """The size of the images of every camera, by columns (n, 2), which all rows of it share."""
-    sizes = np.stack([whole_numbers(numbers[:, k], name, sheet.error) for k, name in enumerate(SIZE)], axis=1)
+    sizes = np.stack([whole_numbers(numbers[:, k], name, error) for k, name in enumerate(SIZE)], axis=1)
     names, first, of_row = np.unique(camera, return_index=True, return_inverse=True)
     wrong = (sizes != sizes[first][of_row]) | (sizes <= 0) | (sizes > LARGEST_PX)
     if wrong.any():
         row, k = np.argwhere(wrong)[0].tolist()
-        raise sheet.error(f"expected one size of all images of a camera, got {sizes[row, k]}", row, column=SIZE[k])
+        raise error(f"expected one size of all images of a camera, got {sizes[row, k]}", row, column=SIZE[k])
     return {str(name): (int(width), int(height)) for name, (width, height) in zip(names, sizes[first], strict=True)}
 
 
