@@ -200,6 +200,18 @@ class PerturbedChain:
 
         return self.chain.pose_jacobians(state.angles, derivatives)
 
+    def pose_by_coefficients(self, state: ArmState, x: FloatArray) -> tuple[Pose, FloatArray]:
+        """Tip poses and their derivatives by the coefficients (n, 6, n_coefficients), as `pose_jacobians` has them."""
+        R, tip = np.empty((len(state), 3, 3)), np.empty((len(state), 3))
+        by = np.empty((len(state), 6, self.n_coefficients))
+        for rows in chunks(len(state)):
+            piece = state.rows(rows)
+            values = self.values(piece)
+            here = self.chain.pose_derivatives(piece.angles, self.motions(x, values))
+            R[rows], tip[rows] = here.R_base_tip.transpose(2, 0, 1), here.tip_in_base.T
+            by[rows] = self.by_coefficient(self.along_sites(here.by_motion), values).transpose(2, 1, 0)
+        return Pose(R, tip), by
+
     def constants_of(self, session: str, tip: str) -> BoolArray:
         """(n_coefficients,) which coefficients are the same at all readings of a session with a tip."""
         return np.repeat(

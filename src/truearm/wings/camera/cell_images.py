@@ -57,8 +57,10 @@ class CellImages:
         Of the images.
     in_hand : (k,) bool array
         Whether each camera is on the flange.
-    middles : tuple of (3,) array
-        Of every board the middle of its corners in its own frame [mm].
+    boards : mapping of str to Board
+        By their names in the tables.
+    lenses : mapping of str to Lens or None
+        Of the cameras by their names there, as stated.
     n_images : int
         That the tables have, also those that show too little.
     findings : tuple of Finding
@@ -71,7 +73,8 @@ class CellImages:
     numbers: IntArray
     names: tuple[str, ...]
     in_hand: BoolArray
-    middles: tuple[FloatArray, ...]
+    boards: Mapping[str, Board]
+    lenses: Mapping[str, Lens | None]
     n_images: int
     findings: tuple[Finding, ...]
 
@@ -98,13 +101,39 @@ class CellImages:
             If the tables name other cameras or boards than are stated, or there are several images of a reading by one
             camera, or too few images.
         """
-        parts = [pixels] if isinstance(pixels, PixelsLike) else pixels
-        tables = [read_pixels(one) if isinstance(one, str | Path) else one for one in parts]
-        seen = tables[0] if len(tables) == 1 else PixelObservations.joined(tables)
-        seen.check_readings(len(readings))
+        seen = _table(readings, pixels)
         boards = _boards(seen, board)
         lenses = _lenses(seen, camera)
-        return _images(readings, seen, boards, lenses, u_camera_px, _in_hand(list(lenses), eye_in_hand, seen))
+        in_hand = _in_hand(list(lenses), eye_in_hand, seen)
+        return _images(readings, seen, boards, lenses, u_camera_px, in_hand, MIN_ROWS)
+
+    def others(self, readings: Session, pixels: PixelsLike | Sequence[PixelsLike]) -> CellImages:
+        """Other images by these cameras.
+
+        Raises
+        ------
+        InputError
+            As `of`, and if they are of another camera or board.
+        """
+        seen = _table(readings, pixels)
+        for what, known in (("camera", self.lenses), ("board", self.boards)):
+            names = [*known, *(np.unique(getattr(seen, what)).tolist() if len(known) > 1 else known)]
+            _check_names(seen, what, list(known), dict.fromkeys(names), "images of the cameras and boards of the fit")
+        if len(self.lenses) == 1:
+            seen = replace(seen, camera=np.full(len(seen), next(iter(self.lenses))))
+        if len(self.boards) == 1:
+            seen = replace(seen, board=np.full(len(seen), next(iter(self.boards))))
+        lenses = dict(zip(self.lenses, self.images.lenses, strict=True))
+        return _images(readings, seen, self.boards, lenses, 0.0, self.in_hand, 1)
+
+
+def _table(readings: Session, pixels: PixelsLike | Sequence[PixelsLike]) -> PixelObservations:
+    """All tables in one, of these readings."""
+    parts = [pixels] if isinstance(pixels, PixelsLike) else pixels
+    tables = [read_pixels(one) if isinstance(one, str | Path) else one for one in parts]
+    seen = tables[0] if len(tables) == 1 else PixelObservations.joined(tables)
+    seen.check_readings(len(readings))
+    return seen
 
 
 def _boards(seen: PixelObservations, stated: BoardLike | Mapping[str, BoardLike]) -> dict[str, Board]:
@@ -186,23 +215,25 @@ def _in_hand(cameras: list[str], stated: bool | Sequence[str], seen: PixelObserv
 def _images(
     readings: Session,
     seen: PixelObservations,
-    boards: dict[str, Board],
-    lenses: dict[str, Lens | None],
+    boards: Mapping[str, Board],
+    lenses: Mapping[str, Lens | None],
     u_camera_px: float | None,
     in_hand: BoolArray,
+    least: int,
 ) -> CellImages:
-    codes = [np.unique(values, return_inverse=True) for values in (seen.camera, seen.image, seen.board)]
-    key = np.stack([seen.reading, *(inverse for _, inverse in codes)])
+    images_by_name = np.unique(seen.image, return_inverse=True)
+    of_camera, of_board = np.searchsorted(list(lenses), seen.camera), np.searchsorted(list(boards), seen.board)
+    key = np.stack([seen.reading, of_camera, images_by_name[1], of_board])
     (reading, camera, image, board), which = np.unique(key, axis=1, return_inverse=True)
     taken = np.unique(np.stack([reading, camera, image]), axis=1)
     again = (np.diff(taken[:2], axis=1) == 0).all(axis=0)
     if again.any():
-        whose = f" by camera {codes[0][0][taken[1, 1:][again][0]]}" if len(lenses) > 1 else ""
+        whose = f" by camera {list(lenses)[taken[1, 1:][again][0]]}" if len(lenses) > 1 else ""
         problem = f"expected one image a reading{whose}, got several of reading {taken[0, 1:][again][0]}"
         raise InputError(problem, file=seen.file, column="image")
     pixels = np.full((len(reading), 2, max(map(len, boards.values()))), np.nan)
     for k, one in enumerate(boards.values()):
-        rows = codes[2][1] == k
+        rows = of_board == k
         order = np.argsort(one.corners)
         where = order[np.searchsorted(one.corners, seen.corner[rows], sorter=order)]
         pixels[which.reshape(-1)[rows], :, where] = seen.pixels[rows]
@@ -210,9 +241,8 @@ def _images(
     names = list(boards) if len(boards) > 1 else ["board"]
     if both := {*cameras} & {*names}:
         raise InputError(f"{min(both)!r} is the name of a camera and of a board", file=seen.file, column="board")
-    shows, findings = _enough(pixels, camera, board, cameras, names, seen)
-    middles = tuple(one.points.mean(axis=0) for one in boards.values())
-    points = tuple(one.points - middle for one, middle in zip(boards.values(), middles, strict=True))
+    shows, findings = _enough(pixels, camera, board, cameras, names, seen, least)
+    points = tuple(one.points - one.points.mean(axis=0) for one in boards.values())
     index = _index_of_readings(reading[shows] - 1, len(readings))
     rows = np.flatnonzero(np.isin(index, reading[shows] - 1))
     images = Images(
@@ -231,8 +261,10 @@ def _images(
              for k, (name, lens) in enumerate(lenses.items())]  # fmt: skip
     images = replace(images, lenses=tuple(lens for lens, _ in found), u_intrinsics=tuple(u for _, u in found))
     of_rows = readings if len(index) == len(readings) else readings.rows(index)
-    chosen = tuple(codes[1][0][image[shows]].tolist())
-    return CellImages(of_rows, rows, images, reading[shows], chosen, in_hand, middles, taken.shape[1], tuple(findings))
+    chosen = tuple(images_by_name[0][image[shows]].tolist())
+    return CellImages(
+        of_rows, rows, images, reading[shows], chosen, in_hand, boards, lenses, taken.shape[1], tuple(findings)
+    )
 
 
 def _index_of_readings(of_images: IntArray, n: int) -> IntArray:
@@ -247,6 +279,7 @@ def _enough(
     cameras: list[str],
     boards: list[str],
     seen: PixelObservations,
+    least: int,
 ) -> tuple[BoolArray, list[Finding]]:
     """The images that show a board, of cameras that see it often enough to know where they are."""
     shows = (~np.isnan(pixels[:, 0])).sum(axis=1) >= LEAST_CORNERS
@@ -257,18 +290,18 @@ def _enough(
     several = len(cameras) > 1 or len(boards) > 1
     for a, b in np.unique(np.stack([camera, board], axis=1), axis=0).tolist():
         own = (camera == a) & (board == b)
-        if several and 0 < (n := int((shows & own).sum())) < MIN_ROWS:
+        if several and 0 < (n := int((shows & own).sum())) < least:
             said = f"Camera {cameras[a]} sees board {boards[b]} in {number_of(n, 'image')} only; ignored."
             findings.append(Finding("hand-eye", said, {"n": n}))
             shows &= ~own
     for kind, names, of, text in (
-        ("camera", cameras, camera, f"images by camera {{}} that show a board (one board in {MIN_ROWS} of them)"),
+        ("camera", cameras, camera, f"images by camera {{}} that show a board (one board in {least} of them)"),
         ("board", boards, board, "images that show board {} by one camera"),
     ):
         for k, name in enumerate(names):
-            if (n := int((shows & (of == k)).sum())) < MIN_ROWS:
+            if (n := int((shows & (of == k)).sum())) < least > 1 or not shows.any():
                 what = text.format(name) if several else "images that show the board"
-                problem = f"expected {MIN_ROWS} or more {what}, got {n}"
+                problem = f"expected {least} or more {what}, got {n}"
                 hint = f"take more images, or remove the rows of this {kind}" if several else None
                 raise InputError(problem, file=seen.file, column=kind if several else None, hint=hint)
     return shows, findings

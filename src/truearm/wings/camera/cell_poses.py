@@ -92,13 +92,14 @@ class CellPoses:
 
     def named(self) -> CellPoses:
         """The same with the names of what stands as sessions of the readings, and of what is carried as tips."""
-        session = self._column(self.readings.session, self.standing)
-        tip = self._column(self.readings.tip, self.carried)
+        n_standing = len(self.images.cameras) + len(self.images.boards) - len(self.T_child_tip)
+        session = self._column(self.readings.session, self.standing, n_standing)
+        tip = self._column(self.readings.tip, self.carried, len(self.T_child_tip))
         return replace(self, readings=replace(self.readings, session=session, tip=tip))
 
-    def _column(self, given: NameArray | None, names: tuple[str, ...]) -> NameArray | None:
-        """A column of the readings as it is given, with the names at the images where there are several."""
-        if len(set(names)) == 1:
+    def _column(self, given: NameArray | None, names: tuple[str, ...], n: int) -> NameArray | None:
+        """A column of the readings as it is given, with the names at the images where there are `n` of them."""
+        if n == 1:
             return given
         column = np.full(len(self.readings), names[0], object) if given is None else given.astype(object)
         column[self.rows] = names

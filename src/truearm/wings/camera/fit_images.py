@@ -29,6 +29,7 @@ from truearm.wings.camera.cell_images import BoardLike, CameraLike, CellImages, 
 from truearm.wings.camera.cell_poses import CellPoses
 from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
 from truearm.wings.camera.hand_eye import HandEyeResult
+from truearm.wings.camera.image_errors import ImageErrors
 from truearm.wings.camera.images import (
     GROSS_STDS,
     LEAST_CORNERS,
@@ -66,6 +67,7 @@ def fit_images(
     eye_in_hand: bool | Sequence[str] = False,
     model: ModelName = "auto",
     lengths: LengthsLike | None = None,
+    test: tuple[SessionLike, PixelsLike] | None = None,
     accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> ImageFit:
@@ -98,6 +100,8 @@ def fit_images(
         As of `fit`: one that identifies the arm.
     lengths : Lengths, str or Path, optional
         Known lengths between seats of the session.
+    test : session and pixels, optional
+        Other images, at poses that are not in the fit: how far the boards are from where they are predicted.
     accept : str, optional
         Why the images are right where they would be refused as contradicted; the reason is kept.
     progress : callable, optional
@@ -132,6 +136,7 @@ def fit_images(
         raise InputError(f"expected u_camera_px of 0 or more, got {u_camera_px}")
     known_lengths = read_lengths(lengths) if isinstance(lengths, str | Path) else lengths
     cell = CellImages.of(readings, pixels, board, camera, u_camera_px, eye_in_hand)
+    others = None if test is None else cell.others(to_session(test[0], n_joints=known.n_joints), test[1])
     placed = _Placed.of(known, cell)
     free = ("base", "tip")
     try:
@@ -141,14 +146,20 @@ def fit_images(
         )
     except InputError as error:
         raise placed.contradiction or error from None
-    return _fitted(cell, placed, settled, result, known_lengths)
+    return _fitted(cell, placed, settled, result, known_lengths, others)
 
 
 def _fitted(
-    cell: CellImages, placed: _Placed, settled: CellPoses, result: FitResult, lengths: Lengths | None
+    cell: CellImages,
+    placed: _Placed,
+    settled: CellPoses,
+    result: FitResult,
+    lengths: Lengths | None,
+    others: CellImages | None,
 ) -> ImageFit:
-    """Cameras and boards by the identified arm."""
+    """Cameras and boards by the identified arm, and their errors in other images."""
     identified = require_identified(result.model, "images need an identified arm", hint="--model kinematic")
+    assert result.nominal is not None  # of an identified model there is one
     common = _with_sizes(identified, settled, result.session, lengths)
     values, images = settled.adjusted.unknowns + common.values, settled.images
     scales, u_scales = images.values(values)[1], images.u_of(common.covariance)[-len(images.boards) :]
@@ -157,8 +168,8 @@ def _fitted(
         own = settled.T_child_tip.get(name)
         one = where_it_stands(identified, name) if own is None else where_it_is_carried(identified, name, own)
         where[name] = replace(one, covariance=identified.birge_ratio_**2 * one.covariance)
-    middles = zip(images.boards, scales, cell.middles, strict=True)
-    where |= {name: _moved(where[name], -scale * middle) for name, scale, middle in middles}
+    for name, scale, board in zip(images.boards, scales, cell.boards.values(), strict=True):
+        where[name] = _moved(where[name], -scale * board.points.mean(axis=0))
     cameras, boards = (tuple(where[name] for name in names) for names in (images.cameras, images.boards))
     findings = [*cell.findings, *placed.findings, *_size_findings(images, scales, u_scales), *result.findings]
     return ImageFit(
@@ -176,6 +187,7 @@ def _fitted(
         unknowns_covariance=common.covariance,
         cameras=cameras,
         boards=boards,
+        test=None if others is None else ImageErrors.of(identified, result.nominal, settled, common, others),
     )
 
 
@@ -422,6 +434,8 @@ class ImageFit(HandEyeResult):
         The images that were used, with the poses of the boards.
     unknowns, unknowns_covariance : (a,), (a, a) array
         Changes of the stated intrinsics and of the boards' sizes, in the units that `poses.images.names` states.
+    test : ImageErrors or None
+        Errors in images that are not in the fit.
     """
 
     poses: CellPoses
@@ -429,6 +443,7 @@ class ImageFit(HandEyeResult):
     unknowns_covariance: FloatArray
     cameras: tuple[Transform, ...]
     boards: tuple[Transform, ...]
+    test: ImageErrors | None = None
 
     @property
     def transforms(self) -> tuple[Transform, ...]:
@@ -470,6 +485,8 @@ class ImageFit(HandEyeResult):
     def blocks(self) -> Iterator[str | TextTable]:
         """See `Record.blocks`."""
         yield from super().blocks()
+        if self.test is not None:
+            yield from self.test.blocks()
         images, stds = self.poses.images, self.poses.adjusted.std_px
         for k, (name, std_px) in enumerate(zip(images.cameras, stds.tolist(), strict=True)):
             n = number_of(int(images.seen[images.camera == k].sum()), "corner")
@@ -503,5 +520,6 @@ class ImageFit(HandEyeResult):
             "board_scale": by_name(images.boards, sizes.tolist()),
             "u_board_scale": by_name(images.boards, u[-n:].tolist()),
             "std_px": by_name(images.cameras, self.poses.adjusted.std_px.tolist()),
+            "test": None if self.test is None else self.test.to_dict(),
             "tip_mm": by_name(list(tips), list(tips.values())),
         }

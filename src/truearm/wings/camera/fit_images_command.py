@@ -37,6 +37,10 @@ def fit_images(
     camera_out: Annotated[
         Path | None, Option("--camera-out", help="File to write with the intrinsics found, .yaml.")
     ] = None,
+    test: Annotated[
+        tuple[Path, Path] | None,
+        Option("--test", metavar="SESSION PIXELS", help="Other images, at poses not in the fit: errors of the boards."),
+    ] = None,
     model: options.ModelOption = "auto",
     force: options.Force = False,
     details: Annotated[
@@ -62,13 +66,14 @@ def fit_images(
 
     boards, lenses = by_name(board), by_name(camera or ())
     given["eye_in_hand"] = on_flange or eye_in_hand
-    files = session, *pixels, *map(Path, lenses.values()), given["lengths"]
+    files = session, *pixels, *map(Path, lenses.values()), given["lengths"], *(test or ())
     check_model_output(out, None, *files, force=force)
     outputs = {} if camera_out is None else camera_files(camera_out, pixels, lenses)
     for path in outputs.values():
         check_new_output(path, *files, out, force=force, endings=(".yaml",))
     with progress("fitting images", total=4 if model == "auto" else None) as report:
-        result = verb(arm, session, pixels, board=boards, camera=lenses or None, model=model, **given, progress=report)
+        given |= {"board": boards, "camera": lenses or None, "test": test, "model": model}
+        result = verb(arm, session, pixels, **given, progress=report)
         check_model_output(out, result.fitted.model.arm_, force=force)
         result.fitted.save(out)
         if outputs:
