@@ -95,10 +95,10 @@ from truearm.wings.laboratory.verbs.check import CheckResult as CheckResult
 from truearm.wings.laboratory.verbs.check import WithdrawalResult as WithdrawalResult
 from truearm.wings.laboratory.verbs.check import check as check
 from truearm.wings.laboratory.verbs.check import withdraw_check as withdraw_check
-from truearm.wings.laboratory.verbs.fill_points import fill_points as fill_points
 from truearm.wings.laboratory.verbs.measure import MeasuredFeatures as MeasuredFeatures
 from truearm.wings.laboratory.verbs.measure import measure as measure
 from truearm.wings.laboratory.verbs.operator_sheet import OperatorSheetResult as OperatorSheetResult
+from truearm.wings.laboratory.verbs.operator_sheet import fill_points as fill_points
 from truearm.wings.laboratory.verbs.operator_sheet import operator_sheet as operator_sheet
 from truearm.wings.laboratory.verbs.simulate_verification import SimulatedVerification as SimulatedVerification
 from truearm.wings.laboratory.verbs.simulate_verification import simulate_verification as simulate_verification

@@ -17,7 +17,9 @@ class Parabola:
 
 def descended(rate, epochs, start=(1.0,), stops=()):
     told = []
-    last = gradient_descent(Parabola(), start, rate=rate, stops=[*stops, MaxEpochs(epochs)], callback=told.append)
+    last = gradient_descent(
+        Parabola().gradient, start, rate=rate, stops=[*stops, MaxEpochs(epochs)], callback=told.append
+    )
     assert told[-1] is last
     assert [state.epoch for state in told] == list(range(last.epoch + 1))
     return told
@@ -92,7 +94,7 @@ def test_stops_are_asked_in_order_after_every_epoch(stop, text):
 
 def test_a_start_that_is_no_number_is_an_error():
     with pytest.raises(TruearmError, match="not a finite number"):
-        gradient_descent(Parabola(), [np.nan], rate=LearningRate(0.1), stops=[])
+        gradient_descent(Parabola().gradient, [np.nan], rate=LearningRate(0.1), stops=[])
 
 
 def test_the_clock_counts_the_evaluation_at_the_start():
@@ -105,6 +107,6 @@ def test_the_clock_counts_the_evaluation_at_the_start():
 
     told = []
     gradient_descent(
-        Slow(), [1.0], rate=LearningRate(0.1), stops=[MaxEpochs(1)], callback=told.append, clock=lambda: now[0]
+        Slow().gradient, [1.0], rate=LearningRate(0.1), stops=[MaxEpochs(1)], callback=told.append, clock=lambda: now[0]
     )
     assert [state.seconds for state in told] == [7.0, 14.0]

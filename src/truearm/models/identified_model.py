@@ -30,10 +30,17 @@ from truearm.identification.judgement.length_scale import LengthScale, refuse_wr
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.references.prepared_readings import PreparedReadings, tip_motions
-from truearm.identification.terms import ArmState, Expression, SkippedTerm, Term, constants
-from truearm.identification.terms.basis import Temperature, check_parts
-from truearm.identification.terms.catalogue import HIGHEST_ORDER_OFFERED
-from truearm.identification.terms.expression import HIGHEST_ORDER
+from truearm.identification.terms import (
+    HIGHEST_ORDER,
+    HIGHEST_ORDER_OFFERED,
+    ArmState,
+    Expression,
+    SkippedTerm,
+    Temperature,
+    Term,
+    check_parts,
+    constants,
+)
 from truearm.models.arm_check import check_readings_of
 from truearm.models.compensator import CheckedReadings, Compensator, ReadingsLike, no_progress
 from truearm.readings.session import Session

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,17 +21,11 @@ from truearm.solve.stop_criteria import OptimizerState, StopCriterion, StopReaso
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
+Gradient: TypeAlias = Callable[[FloatArray], tuple[float, FloatArray]]
+
 # Squares of larger values approach the largest double.
 LOST = 1e100
 DIVERGED = StopReason("The error has grown beyond all bounds: the learning rate is too large.", False)
-
-
-class DifferentiableProblem(Protocol):
-    """A problem in p parameters with a gradient."""
-
-    def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """Cost, and its gradient (p,), at `x` (p,)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,7 +70,7 @@ class LearningRate:
 
 
 def gradient_descent(
-    problem: DifferentiableProblem,
+    gradient: Gradient,
     start: npt.ArrayLike,
     *,
     rate: LearningRate,
@@ -95,8 +89,8 @@ def gradient_descent(
 
     Parameters
     ----------
-    problem : DifferentiableProblem
-        Returns cost and gradient.
+    gradient : callable
+        Cost, and its gradient (p,), at a point (p,).
     start : (p,) array
         The first point.
     rate : LearningRate
@@ -127,15 +121,15 @@ def gradient_descent(
             callback(state)
         return state
 
-    state = judged(_at_start(problem, np.array(start, dtype=float), rate))
+    state = judged(_at_start(gradient, np.array(start, dtype=float), rate))
     while state.reason is None:
-        state = judged(_after_another_epoch(problem, state, rate))
+        state = judged(_after_another_epoch(gradient, state, rate))
     return state
 
 
-def _at_start(problem: DifferentiableProblem, x: FloatArray, rate: LearningRate) -> DescentState:
+def _at_start(gradient_at: Gradient, x: FloatArray, rate: LearningRate) -> DescentState:
     """The state before the first epoch; its time is not yet known."""
-    cost, gradient = problem.gradient(x)
+    cost, gradient = gradient_at(x)
     if not np.isfinite(cost):
         raise TruearmError("the cost at the start is not a finite number: check the data for NaN and overflow")
     return DescentState(
@@ -151,12 +145,12 @@ def _at_start(problem: DifferentiableProblem, x: FloatArray, rate: LearningRate)
     )
 
 
-def _after_another_epoch(problem: DifferentiableProblem, before: DescentState, rate: LearningRate) -> DescentState:
+def _after_another_epoch(gradient_at: Gradient, before: DescentState, rate: LearningRate) -> DescentState:
     """The state after one step more, made or refused; its time is not yet known."""
     now = before.rate
     step = rate.momentum * before.step - (1 - rate.momentum) * now * before.gradient
     with np.errstate(over="ignore", invalid="ignore"):  # too large a rate shows in its cost
-        cost, gradient = problem.gradient(before.x + step)
+        cost, gradient = gradient_at(before.x + step)
     same = replace(before, epoch=before.epoch + 1, previous_cost=before.cost)
     if cost <= LOST and (cost <= before.cost or cost <= rate.max_cost_ratio * before.cost):
         return replace(
@@ -194,19 +188,6 @@ class DescentOptions(TrainingOptions):
     min_grad: float = 1e-5
 
 
-@dataclass(frozen=True, eq=False)
-class MeanSquareProblem:
-    """MATLAB's ``mse`` of a network's scaled outputs, as a problem in its weights."""
-
-    fit: FitProblem
-
-    def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """Mean squared error, and its gradient (n_weights,), at weights `x` (n_weights,)."""
-        cost, gradient = self.fit.gradient(x)
-        half = self.fit.n_errors / 2
-        return cost / half, gradient / half
-
-
 def traingd(training: FitProblem, weights: FloatArray, **options: Any) -> tuple[FloatArray, TrainingRecord]:
     """Train a network's weights by ``weights - lr * gradient of the mean squared error``.
 
@@ -228,9 +209,16 @@ def traingd(training: FitProblem, weights: FloatArray, **options: Any) -> tuple[
 def descend(training: FitProblem, weights: FloatArray, options: DescentOptions, rate: LearningRate) -> TrainingLog:
     """The log of a training by gradient descent."""
     start, log = checked_start(training, weights, options), TrainingLog(training, options)
+
+    def mean_square(x: FloatArray) -> tuple[float, FloatArray]:
+        """MATLAB's ``mse`` of the scaled outputs, and its gradient."""
+        cost, gradient = training.gradient(x)
+        half = training.n_errors / 2
+        return cost / half, gradient / half
+
     with one_blas_thread():
         gradient_descent(
-            MeanSquareProblem(training),
+            mean_square,
             start,
             rate=rate,
             stops=log.stops(CostGoal(options.goal), MinGradient(options.min_grad)),

@@ -9,6 +9,8 @@ from truearm.readings.checks import (
     check_sessions,
     has_reference,
     limit_excesses,
+    serial_number_of,
+    serial_number_of_all,
     skip_beyond_limits,
 )
 from truearm.readings.files import check_session_path, write_session
@@ -19,13 +21,17 @@ from truearm.readings.point_errors import (
     PointErrors,
     SeatErrors,
     compare_errors,
+    has_repeated_seat,
     length_errors,
     point_errors,
     seat_errors,
 )
+from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.readings.session import Session, read_session, stratified_rows
 
 __all__ = [
+    "NAMED",
+    "PAYLOAD",
     "ErrorComparison",
     "LengthSummary",
     "Lengths",
@@ -41,12 +47,15 @@ __all__ = [
     "check_sessions",
     "compare_errors",
     "has_reference",
+    "has_repeated_seat",
     "length_errors",
     "limit_excesses",
     "point_errors",
     "read_lengths",
     "read_session",
     "seat_errors",
+    "serial_number_of",
+    "serial_number_of_all",
     "skip_beyond_limits",
     "stratified_rows",
     "write_lengths",

@@ -26,13 +26,13 @@ from truearm.readings import (
     Session,
     check_sessions,
     compare_errors,
+    has_repeated_seat,
     length_errors,
     point_errors,
     seat_errors,
 )
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.files import is_large
-from truearm.readings.point_errors import has_repeated_seat
 from truearm.readings.thermal_expansion import expanded_lengths
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray

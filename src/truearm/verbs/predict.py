@@ -28,10 +28,8 @@ from truearm.models import Compensator
 from truearm.models.arm_check import doubt_about_angles, with_read_angles
 from truearm.models.identified_model import ROUNDED
 from truearm.models.training_conditions import TOGETHER
-from truearm.readings import Session
-from truearm.readings.checks import serial_number_of, serial_number_of_all
+from truearm.readings import NAMED, PAYLOAD, Session, serial_number_of, serial_number_of_all
 from truearm.readings.files import Columns, is_large, open_parquet, table_writer
-from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.solve.sums import MAX_KEPT, QuantileSketch, Sums, different, joined
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray

@@ -18,6 +18,7 @@ from truearm.identification.terms.basis import (
     PayloadTorque,
     Temperature,
     basis_from_data,
+    check_parts,
     directions,
     harmonics,
     register_basis,
@@ -25,12 +26,13 @@ from truearm.identification.terms.basis import (
 from truearm.identification.terms.catalogue import (
     FREE_BASE,
     FREE_TIP,
+    HIGHEST_ORDER_OFFERED,
     base_terms,
     candidate_terms,
     constants,
     place_name,
 )
-from truearm.identification.terms.expression import Expression
+from truearm.identification.terms.expression import HIGHEST_ORDER, Expression
 from truearm.identification.terms.kernel import InducedProcess
 from truearm.identification.terms.links import (
     GravityLoads,
@@ -46,6 +48,8 @@ from truearm.identification.terms.term import SkippedTerm, Term
 __all__ = [
     "FREE_BASE",
     "FREE_TIP",
+    "HIGHEST_ORDER",
+    "HIGHEST_ORDER_OFFERED",
     "ArmState",
     "Basis",
     "Column",
@@ -67,6 +71,7 @@ __all__ = [
     "base_terms",
     "basis_from_data",
     "candidate_terms",
+    "check_parts",
     "constants",
     "directions",
     "gravity_loads",

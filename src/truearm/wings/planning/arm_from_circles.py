@@ -18,8 +18,7 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_file
 from truearm.findings import format_mm
 from truearm.models.arm_check import arm_of_readings
-from truearm.readings import Session
-from truearm.readings.checks import serial_number_of
+from truearm.readings import Session, serial_number_of
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 from truearm.verbs.inputs import SessionLike, to_session, unfilled_rows

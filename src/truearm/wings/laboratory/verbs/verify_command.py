@@ -147,7 +147,7 @@ def fill(
     A reading for each row without coordinates, in their order. The rows state which model computed them
     (coordinates_from, model, model_sha256, outside_training).
     """
-    from truearm.wings.laboratory.verbs.fill_points import fill_points
+    from truearm.wings.laboratory.verbs.operator_sheet import fill_points
 
     with progress(f"predicting {session.name}"):
         prediction = verb(model, session, **given)
