@@ -8,6 +8,7 @@ import pytest
 import truearm as ta
 from refusals import refuses
 from truearm.arm.chain import Chain
+from truearm.models.selection import CANDIDATES
 from truearm.readings import Session
 
 OWN_FRAME = "Coordinates are in the arm's own frame"
@@ -72,7 +73,8 @@ def test_a_model_learned_without_points_names_its_frame_until_refit_places_it():
             assert said is is_said
 
 
-def test_auto_names_the_one_reason_for_which_it_did_not_compare_a_hybrid_model(ur10_session):
+def test_auto_names_the_one_reason_for_which_it_did_not_compare_a_hybrid_model(ur10_session, monkeypatch):
+    monkeypatch.delitem(CANDIDATES, "physical")  # quicker
     for readings, reason in (
         (ur10_session, "60 readings are too few for its 243 weights"),
         (replace(ur10_session, tip=np.repeat(["A", "B"], 30)), "its networks learn one tip"),

@@ -104,17 +104,15 @@ def test_a_position_that_the_server_calls_stale_is_no_sample(arm):
     notice_of(open_source(address), "a position is not good: UncertainLastUsableValue")
 
 
-def test_of_several_devices_one_is_named():
-    with server(Left=ARM, Right={"A1": (1.0, INCH)}) as (port, _):
-        notice_of(open_source(f"opcua:127.0.0.1:{port}"), "expected one motion device, the server has Left, Right")
+def test_of_several_devices_one_is_named_and_its_units_are_asked():
+    with server(Left=ARM, Right={"A1": (1.0, INCH)}, Text={"A1": (1.0, "deg")}) as (port, _):
+        notice_of(
+            open_source(f"opcua:127.0.0.1:{port}"), "expected one motion device, the server has Left, Right, Text"
+        )
         samples, _ = samples_of(open_source(f"opcua:127.0.0.1:{port}@Left"), 1)
         notice_of(open_source(f"opcua:127.0.0.1:{port}@Right"), "axis A1 has an unknown unit, 4804168")
+        notice_of(open_source(f"opcua:127.0.0.1:{port}@Text"), "no connection to opc.tcp://", most=1)
     assert len(samples[0].joint_angles_rad) == 3
-
-
-def test_a_unit_of_another_type_is_said():
-    with server(Arm={"A1": (1.0, "deg")}) as (port, _):
-        notice_of(open_source(f"opcua:127.0.0.1:{port}"), "no connection to opc.tcp://", most=1)
 
 
 def test_a_server_that_ends_is_said():

@@ -636,12 +636,13 @@ def test_a_long_file_is_refused(tmp_path, monkeypatch):
     refuses(r"larger than 0\.001 MB", read_dcc, tmp_path / "certificate.xml")
 
 
-def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads():
+@pytest.mark.parametrize("every", [7, pytest.param(3, marks=pytest.mark.weekly)])
+def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads(every):
     """Never any other exception."""
     small = certificate(made=outcome([worst_result(ROWS[:2])]))
     root = ET.fromstring(dcc(small))
     refused = 0
-    for parent in list(root.iter())[::3]:  # they repeat
+    for parent in list(root.iter())[::every]:  # they repeat
         for child in list(parent):
             at, text = list(parent).index(child), child.text
             variants = [lambda: parent.remove(child), lambda: parent.insert(at, child)]  # noqa: B023
@@ -660,7 +661,7 @@ def test_whatever_element_is_missing_empty_or_double_the_reader_refuses_or_reads
                 refused += 1
             child.text = text
     assert parse_dcc(ET.tostring(root)) == small
-    assert refused > 50
+    assert refused > 150 / every
 
 
 @pytest.mark.parametrize(

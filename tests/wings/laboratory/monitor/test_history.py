@@ -404,8 +404,12 @@ def flip(content, bit):
     return content[: bit // 8] + bytes([content[bit // 8] ^ (1 << bit % 8)]) + content[bit // 8 + 1 :]
 
 
-def test_a_flipped_bit_in_a_stored_value_is_refused(path):
-    """Every bit of the values, the date and the temperature, and every seventh of the fingerprints and the checksum."""
+@pytest.mark.parametrize("each", [5, pytest.param(1, marks=pytest.mark.weekly)])
+def test_a_flipped_bit_in_a_stored_value_is_refused(path, each):
+    """Every bit of the values, the date and the temperature, and every seventh of the fingerprints and the checksum.
+
+    Every fifth of those a day.
+    """
     history = History(path)
     assert history.append(check(1, values=VALUES[1:]), name="new.truearm", arm="gao2017")
     content = path.read_bytes()
@@ -413,7 +417,7 @@ def test_a_flipped_bit_in_a_stored_value_is_refused(path):
         ((record, checksum),) = database.execute("SELECT record, sha256 FROM checks")
     prints, values = record.partition('"model"')[2].partition('"temperature_degC"')[::2]
     date = record.partition('"model"')[0]
-    for part, step in ((date, 1), (values, 1), (prints, 7), (checksum, 7)):
+    for part, step in ((date, each), (values, each), (prints, 7 * each), (checksum, 7 * each)):
         first = 8 * content.index(part.encode())
         for bit in range(first, first + 8 * len(part), step):
             path.write_bytes(flip(content, bit))

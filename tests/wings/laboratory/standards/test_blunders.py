@@ -50,7 +50,7 @@ def test_a_size_far_beyond_its_limit_on_either_side_asks_for_the_diameter(times,
     assert all("check diameter_mm of 'ball'" in remark for remark in remarks)
 
 
-@pytest.mark.parametrize("n", [7, 8, 9])
+@pytest.mark.parametrize("n", [pytest.param(7, marks=pytest.mark.weekly), 8, pytest.param(9, marks=pytest.mark.weekly)])
 def test_of_balls_with_equal_noise_fewer_than_1_in_1000_have_an_outlier(n):
     """Touched anywhere on the upper half. Seven leave two to spare without one, and agree more often."""
     rng, remarks, many = np.random.default_rng(n), 0, 2000
@@ -65,7 +65,7 @@ def test_of_balls_with_equal_noise_fewer_than_1_in_1000_have_an_outlier(n):
     assert remarks <= FALSE_REMARKS * many
 
 
-@pytest.mark.parametrize("n", [4, 5, 6, 7])
+@pytest.mark.parametrize("n", [4, *(pytest.param(n, marks=pytest.mark.weekly) for n in (5, 6, 7))])
 @pytest.mark.parametrize("across", [0.02, 1.0])
 def test_of_seats_with_equal_noise_fewer_than_1_in_1000_have_an_outlier(n, across):
     """Along one line mostly is worst, as of a loose joint."""
