@@ -15,6 +15,7 @@ TABLE = (CHECKOUT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("##
 HEADINGS = {
     "constants": "Constants beside the drawing",
     "ur-kinematics": "UR kinematics yaml",
+    "kinematics-yaml": "Kinematics yaml of Franka and UFACTORY",
     "joint-offsets": "ROS joint offsets",
     "lerobot": "LeRobot calibration",
     "js": "JavaScript",

@@ -51,8 +51,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from truearm.arm.arm import Arm, LinkMasses, PointMass, combine_point_masses
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import DHTable, Kind, chain_from_dh, dh_table, mdh_table, row_end_frames
+from truearm.arm.kinematics_yaml import read_kinematics_yaml
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
-from truearm.arm.ur_kinematics import read_ur_kinematics
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.choices import Convention
 from truearm.errors import InputError
@@ -189,7 +189,7 @@ class _ArmFile(_Strict):
 
 
 def read_arm(path: str | Path) -> Arm:
-    """Read an arm file (TOML), a URDF or a UR's kinematics yaml, which the suffix decides.
+    """Read an arm file (TOML), a URDF or a maker's kinematics yaml, which the suffix decides.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def read_arm(path: str | Path) -> Arm:
     if path.suffix.lower() in (".urdf", ".xacro"):
         return read_urdf(path)
     if path.suffix.lower() in (".yaml", ".yml"):
-        return read_ur_kinematics(path)
+        return read_kinematics_yaml(path)
     if path.suffix.lower() != ".toml":
         raise InputError(f"an arm file ends in .toml, .urdf or .yaml, got {path.suffix!r}", file=path)
     return parse_file(path, lambda content: _arm_of(parse_toml(content, _ArmFile)), limit_bytes=MAX_BYTES)

@@ -53,7 +53,7 @@ def list_arms(search: str = "") -> tuple[str, ...]:
 
 
 def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None) -> Arm:
-    """Load an arm: by its name in the catalogue, or from an arm file, a URDF or a UR's kinematics yaml.
+    """Load an arm: by its name in the catalogue, or from an arm file, a URDF or a maker's kinematics yaml.
 
     Parameters
     ----------

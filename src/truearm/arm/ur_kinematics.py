@@ -122,10 +122,17 @@ def _links_of(root: YamlNode, angles: Angles) -> tuple[list[FloatArray], str]:
                 line=entries["hash"].line,
                 hint="copy it from the file that the driver wrote for this robot",
             )
-    return [_pose_of(name, entries[name], angles) for name in LINKS], found
+    return [pose_of(name, entries[name], angles) for name in LINKS], found
 
 
-def _pose_of(name: str, link: YamlNode, angles: Angles) -> FloatArray:
+def pose_of(name: str, link: YamlNode, angles: Angles) -> FloatArray:
+    """The pose (4, 4) [mm] of six numbers in m and rad.
+
+    Raises
+    ------
+    InputError
+        If they are others, or cannot be metres and radians.
+    """
     entries = link.mapping(f"the link {name}", required=("x", "y", "z", "roll", "pitch", "yaw"))
     xyz = [entries[key].number(f"{key} of {name}") for key in ("x", "y", "z")]
     rpy = [entries[key].number(f"{key} of {name}") for key in ("roll", "pitch", "yaw")]

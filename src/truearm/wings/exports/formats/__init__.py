@@ -2,4 +2,6 @@
 
 from typing import Literal
 
-ExportFormat = Literal["urdf", "constants", "ur-kinematics", "joint-offsets", "lerobot", "c", "js", "onnx", "json"]
+ExportFormat = Literal[
+    "urdf", "constants", "ur-kinematics", "kinematics-yaml", "joint-offsets", "lerobot", "c", "js", "onnx", "json"
+]

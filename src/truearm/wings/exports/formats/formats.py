@@ -65,6 +65,9 @@ FORMATS: dict[ExportFormat, FormatSpec] = {
     "urdf": FormatSpec((".urdf",), "urdf", (*_CONSTANTS, "source"), "URDF"),
     "constants": FormatSpec((".csv",), "constants", (*_CONSTANTS, "convention"), "Constants beside the nominal ones"),
     "ur-kinematics": FormatSpec((".yaml", ".yml"), "ur_kinematics", (*_CONSTANTS, "source"), "UR kinematics file"),
+    "kinematics-yaml": FormatSpec(
+        (".yaml", ".yml"), "kinematics_yaml", (*_CONSTANTS, "source"), "Maker's kinematics file"
+    ),
     "joint-offsets": FormatSpec((".yaml", ".yml"), "joint_offsets", _CONSTANTS, "ROS joint offsets"),
     "lerobot": FormatSpec((".json",), "lerobot", ("region", "source"), "LeRobot calibration", states_origin=False),
     "c": FormatSpec((".c",), "c_source", (), "C99 source", True),

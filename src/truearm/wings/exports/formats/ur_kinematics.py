@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from truearm.acceptance import contradict
 from truearm.arm import Arm, read_ur_kinematics
+from truearm.arm.kinematics_yaml import read_kinematics_yaml
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.ur_kinematics import JOINTS, LINKS, parse_ur_kinematics, ur_hash
 from truearm.arm.urdf_tree import MM_PER_M
@@ -55,21 +56,23 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
             hint="let the arm end at tool0, and set what is mounted there as a tool",
         )
     rigid = request.rigid_arm(None if source is None else nominal)
-    _check_same_robot(model, rigid, source)
+    check_same_robot(model, rigid, source)
     tool = rigid.arm.chain.tip_in_flange  # after the last link the file has no motion
     text = ur_kinematics_text(list(rigid.arm.chain.fixed[: len(LINKS)]), found)
     written = parse_ur_kinematics(text.encode(), name=rigid.arm.name).chain.with_tip(tool)
 
-    def content(manifest: Manifest) -> str:
-        comments = [
-            f"# {manifest.line()}",
-            "# Angles as a URDF reads them: R = Rz(yaw) Ry(pitch) Rx(roll).",
-            "# The tip that was measured is no part of the robot: set it as a tool.",
-            f"# {TOOL_MARK} {' '.join(yaml_number(value) for value in tool / MM_PER_M)}",
-        ]
-        return "\n".join([*comments, text])
+    return ConstantsFile(rigid, written, lambda manifest: f"{comments(manifest, tool)}{text}")
 
-    return ConstantsFile(rigid, written, content)
+
+def comments(manifest: Manifest, tool: FloatArray) -> str:
+    """Lines for the head of a kinematics yaml: its origin, and the tip in the flange [mm]."""
+    lines = [
+        f"# {manifest.line()}",
+        "# Angles as a URDF reads them: R = Rz(yaw) Ry(pitch) Rx(roll).",
+        "# The tip that was measured is no part of the robot: set it as a tool.",
+        f"# {TOOL_MARK} {' '.join(yaml_number(value) for value in tool / MM_PER_M)}",
+    ]
+    return "\n".join([*lines, ""])
 
 
 def ur_kinematics_text(links: Sequence[FloatArray], calibration_hash: str) -> str:
@@ -84,7 +87,7 @@ def ur_kinematics_text(links: Sequence[FloatArray], calibration_hash: str) -> st
     return "\n".join([*lines, f"  hash: {calibration_hash}", ""])
 
 
-def _check_same_robot(model: Compensator, rigid: RigidArm, source: str | Path | None) -> None:
+def check_same_robot(model: Compensator, rigid: RigidArm, source: str | Path | None) -> None:
     """Refuse a file whose robot is farther from the model than the nominal arm: its hash would name another robot."""
     off = model.nominal_.chain.tip_in_base(rigid.poses) - model.predict(rigid.poses)
     nominal_mm = float(np.linalg.norm(off, axis=1).mean())
@@ -100,10 +103,10 @@ def _check_same_robot(model: Compensator, rigid: RigidArm, source: str | Path | 
 
 
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
-    """(n, 3) tips [mm] in the robot's base at joints (n, 6) [rad]: of the tool in the comment, without one of tool0."""
-    arm = read_ur_kinematics(path)
-    if np.shape(joints)[-1:] != (len(LINKS),):
-        raise InputError(f"expected {len(LINKS)} joints, got {np.shape(joints)[-1:]}", file=path)
+    """(n, 3) tips [mm] in the base at joints (n, n_joints) [rad]: of the tool in the comment, else the flange."""
+    arm = read_kinematics_yaml(path)
+    if np.shape(joints)[-1:] != (arm.n_joints,):
+        raise InputError(f"expected {arm.n_joints} joints, got {np.shape(joints)[-1:]}", file=path)
     stated = _TOOL.search(Path(path).read_text("utf-8"))  # its size is checked
     tool = np.zeros(3)
     if stated is not None:

@@ -232,12 +232,13 @@ def _new_origins(joints: list[UrdfJoint], rigid: RigidArm) -> Iterator[tuple[Urd
             between = between @ joint.origin
             continue
         turn = joint.axis_rotation
-        if not _is_same_frame(new[i], nominal[i]):
+        if not is_same_frame(new[i], nominal[i]):
             yield joint, np.linalg.inv(between) @ from_axis @ new[i] @ turn.T
         from_axis, between, i = turn, np.eye(4), i + 1
 
 
-def _is_same_frame(one: FloatArray, other: FloatArray) -> bool:
+def is_same_frame(one: FloatArray, other: FloatArray) -> bool:
+    """Whether two frames [mm] differ by the rounding of the kinematics only."""
     angle, length = ROUNDING
     off = np.abs(one - other)
     return bool(off[:3, :3].max() <= angle and off[:3, 3].max() <= length)

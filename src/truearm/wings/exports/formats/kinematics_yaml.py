@@ -1,0 +1,71 @@
+"""Kinematics yaml of UFACTORY or Franka from a model: the maker's own file with new poses of the joints.
+
+Its xacro then has the arm that was built. The flange stays the nominal one: the tip that was measured is a tool in it.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from truearm.arm.kinematics_yaml import POSE, joint_poses, read_kinematics_yaml
+from truearm.arm.rigid_motions import xyz_rpy_from_frame
+from truearm.arm.ur_kinematics import MAX_BYTES
+from truearm.arm.urdf_tree import MM_PER_M
+from truearm.errors import InputError
+from truearm.files.file_reading import read_limited, utf8_text
+from truearm.files.foreign_documents import parse_yaml
+from truearm.wings.exports.formats import ur_kinematics
+from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.wings.exports.formats.joint_offsets import yaml_number
+from truearm.wings.exports.formats.urdf import is_same_frame
+from truearm.wings.exports.targets.manifest import MARKER, Manifest
+
+# What an earlier export wrote at the head of the file.
+_OURS = re.compile(
+    rf"^# (?:{re.escape(MARKER)}|{re.escape(ur_kinematics.TOOL_MARK)}|Angles as a URDF|The tip that).*\n", re.M
+)
+
+
+def _file_of(request: ConstantsRequest) -> ConstantsFile:
+    source = request.source
+    if source is None:
+        raise InputError("the maker's file is not stated", hint="--original kinematics.yaml, that of the description")
+    if request.frame != "base":
+        raise InputError("a maker's kinematics yaml is in the robot's own base frame", hint="leave out --frame")
+    nominal = read_kinematics_yaml(source)
+    text = _OURS.sub("", utf8_text(read_limited(source, limit_bytes=MAX_BYTES)))
+    try:
+        poses = joint_poses(parse_yaml(text.encode()))
+    except InputError as error:  # that of a UR
+        raise error.in_file(source) from None
+    rigid = request.rigid_arm(nominal)
+    ur_kinematics.check_same_robot(request.model, rigid, source)
+    edits: list[tuple[int, int, str]] = []
+    for new, old, node in zip(rigid.arm.chain.fixed, nominal.chain.fixed, poses.nodes, strict=False):
+        if not is_same_frame(new, old):
+            xyz, rpy = xyz_rpy_from_frame(new)
+            edits += [
+                (*node[key].span, yaml_number(value))
+                for key, value in zip(POSE, (*(xyz / MM_PER_M), *rpy), strict=True)
+            ]
+    pieces, done = [], 0
+    for start, stop, number in sorted(edits):
+        pieces += [text[done:start], number]
+        done = stop
+    made = "".join([*pieces, text[done:]])
+    tool = rigid.arm.chain.tip_in_flange
+    fixed = joint_poses(parse_yaml(made.encode())).fixed
+
+    def content(manifest: Manifest) -> str:
+        origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})
+        named = manifest.model_copy(update={"provenance": origin})
+        return f"{ur_kinematics.comments(named, tool)}{made}"
+
+    return ConstantsFile(rigid, replace(rigid.arm.chain, fixed=np.array(fixed)), content)
+
+
+write = writer("kinematics-yaml", _file_of)
+tips = ur_kinematics.tips
