@@ -365,7 +365,7 @@ def test_a_broken_file_is_refused_with_its_name_and_the_key(tmp_path, case):
 
 def test_other_files_are_refused(tmp_path):
     refuses("does not exist", read_arm, tmp_path / "none.toml")
-    refuses(r"ends in .toml, .urdf or .yaml, got '.dae'", read_arm, tmp_path / "arm.dae")
+    refuses(r"ends in .toml, .urdf, .xml or .yaml, got '.dae'", read_arm, tmp_path / "arm.dae")
     refuses(r"ends in .toml or .urdf, got '.csv'", write_arm, load_arm("ur5"), tmp_path / "arm.csv")
     (tmp_path / "latin.toml").write_bytes(b'name = "x"\ntitle = "\xe4"\n')
     refuses("line 2: expected UTF-8", read_arm, tmp_path / "latin.toml")

@@ -246,4 +246,4 @@ def test_an_unknown_arm_is_refused_with_the_nearest_names():
 @pytest.mark.parametrize("text", ["mine.toml", "folder/mine", "../ur5", "mine.urdf"])
 def test_what_looks_like_a_path_is_a_path(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    refuses(r"does not exist|ends in .toml, .urdf or .yaml", load_arm, text)
+    refuses(r"does not exist|ends in .toml, .urdf, .xml or .yaml", load_arm, text)

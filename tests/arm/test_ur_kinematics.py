@@ -281,7 +281,11 @@ def test_a_bad_file_is_refused_with_its_place(tmp_path, change, message):
 
 def test_a_file_that_is_not_there_or_of_another_kind(tmp_path):
     refuses("does not exist", ta.load_arm, tmp_path / "none.yaml")
-    refuses(r"an arm file ends in .toml, .urdf or .yaml, got '.json'", ta.load_arm, written(tmp_path, "{}", "arm.json"))
+    refuses(
+        r"an arm file ends in .toml, .urdf, .xml or .yaml, got '.json'",
+        ta.load_arm,
+        written(tmp_path, "{}", "arm.json"),
+    )
 
 
 def test_a_file_without_a_hash_is_an_arm_without_one(tmp_path):

@@ -52,6 +52,7 @@ from truearm.arm.arm import Arm, LinkMasses, PointMass, combine_point_masses
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import DHTable, Kind, chain_from_dh, dh_table, mdh_table, row_end_frames
 from truearm.arm.kinematics_yaml import read_kinematics_yaml
+from truearm.arm.mjcf import read_mjcf
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
 from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.choices import Convention
@@ -189,7 +190,7 @@ class _ArmFile(_Strict):
 
 
 def read_arm(path: str | Path) -> Arm:
-    """Read an arm file (TOML), a URDF or a maker's kinematics yaml, which the suffix decides.
+    """Read an arm file (TOML), a URDF, an MJCF or a maker's kinematics yaml, which the suffix decides.
 
     Raises
     ------
@@ -199,10 +200,12 @@ def read_arm(path: str | Path) -> Arm:
     path = Path(path)
     if path.suffix.lower() in (".urdf", ".xacro"):
         return read_urdf(path)
+    if path.suffix.lower() == ".xml":
+        return read_mjcf(path)
     if path.suffix.lower() in (".yaml", ".yml"):
         return read_kinematics_yaml(path)
     if path.suffix.lower() != ".toml":
-        raise InputError(f"an arm file ends in .toml, .urdf or .yaml, got {path.suffix!r}", file=path)
+        raise InputError(f"an arm file ends in .toml, .urdf, .xml or .yaml, got {path.suffix!r}", file=path)
     return parse_file(path, lambda content: _arm_of(parse_toml(content, _ArmFile)), limit_bytes=MAX_BYTES)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.arm_files import read_arm
+from truearm.arm.mjcf import read_mjcf
 from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 
@@ -24,9 +25,9 @@ MAKERS = (
 # Characters at the end of a name in which one that is taken for another differs: ur10 and ur10e, iiwa7 and iiwa14.
 MOST_UNLIKE = 2
 _SUFFIXES = (".toml", ".urdf")
-_FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml", ".xacro")
-# A URDF with the links between which the arm is, either may be empty: robot.urdf:base_link:tool0
-_WITH_LINKS = re.compile(r"(?P<file>.+\.urdf):(?P<base>[^:]*):(?P<tip>[^:]*)", re.IGNORECASE | re.DOTALL)
+_FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml", ".xacro", ".xml")
+# A URDF or MJCF with the links between which the arm is, either may be empty: robot.urdf:base_link:tool0
+_WITH_LINKS = re.compile(r"(?P<file>.+\.(?:urdf|xml)):(?P<base>[^:]*):(?P<tip>[^:]*)", re.IGNORECASE | re.DOTALL)
 _TITLE = re.compile(r'\btitle ?= ?"([^"]*)"')  # of a TOML file and of a URDF
 
 
@@ -53,15 +54,15 @@ def list_arms(search: str = "") -> tuple[str, ...]:
 
 
 def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None) -> Arm:
-    """Load an arm: by its name in the catalogue, or from an arm file, a URDF or a maker's kinematics yaml.
+    """Load an arm: by its name in the catalogue, or from an arm file, a URDF, an MJCF or a maker's kinematics yaml.
 
     Parameters
     ----------
     arm : str or path
         A name of `list_arms`, also as its maker writes it: ``"UR 5e"``, ``"KUKA KR 6 R900"``, ``"IRB 1200-5/0.9"``.
-        What ends in ``.toml``, ``.urdf`` or ``.yaml``, holds a path separator or is a `Path` is a file. After a URDF
-        may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``; without one of them
-        (``robot.urdf::tool0``) it is found: the arm's ``remarks`` say where others were possible.
+        What ends in ``.toml``, ``.urdf``, ``.xml`` (MJCF) or ``.yaml``, holds a path separator or is a `Path` is a
+        file. After a URDF or MJCF may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``;
+        without one of them (``robot.urdf::tool0``) it is found: the arm's ``remarks`` say where others were possible.
     base, tip : str, optional
         The links in place of those after the file's name; only of a URDF.
 
@@ -80,9 +81,9 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
     path, stated_base, stated_tip = split_links(arm)
     base, tip = base or stated_base, tip or stated_tip
     if base or tip:
-        if path.suffix.lower() != ".urdf":
-            raise InputError(f"only a URDF has links to choose as base and tip, got the arm {str(arm)!r}")
-        return read_urdf(path, base=base, tip=tip)
+        if path.suffix.lower() not in (".urdf", ".xml"):
+            raise InputError(f"only a URDF or MJCF has links to choose as base and tip, got the arm {str(arm)!r}")
+        return (read_mjcf if path.suffix.lower() == ".xml" else read_urdf)(path, base=base, tip=tip)
     name = None if isinstance(arm, Path) or path.suffix.lower() in _FILE_SUFFIXES else known_name(arm)
     if name is not None:
         with resources.as_file(_files()[name]) as file:

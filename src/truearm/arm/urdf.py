@@ -37,9 +37,10 @@ TIP_NAMES = (
     ("ee_link", r"ee|eef|link_ee"),
     ("tcp", r"tcp|tool_center_point|tool|tooltip|tip"),
     ("end_effector", r"end_?effector(_tip)?"),
+    ("attachment site", r"attachment|gripper_?frame"),
     ("gripper base", r"(gripper|hand)(_base|_body|_palm)?|palm"),
 )
-_USUAL = [re.compile(rf"(.*_)?({form})(_link|_frame)?") for _, form in TIP_NAMES]
+_USUAL = [re.compile(rf"(.*_)?({form})(_link|_frame|_site)?") for _, form in TIP_NAMES]
 _FINGER = re.compile("finger|knuckle|jaw|thumb|claw")
 # Every other chain of moving joints has at most this part of the joints of the arm.
 _OTHER_CHAINS = 0.5
@@ -219,17 +220,21 @@ def read_urdf(path: str | Path, *, base: str | None = None, tip: str | None = No
     """
 
     def parsed(content: bytes) -> Arm:
-        chain = urdf_chain(content, base, tip)
-        arm = chain.arm()
-        remarks = [f"{chain.remark}; {Path(path).name}::LINK takes another."] if chain.remark else []
-        if arm.chain.coupling is not None:
-            unread = ", ".join(np.array(arm.joint_names)[~arm.chain.is_read])
-            remarks.append(
-                f"no angle is read of {unread}, which mimics another joint: in a table its column may hold zeros."
-            )
-        return replace(arm, remarks=tuple(remarks))
+        return arm_with_remarks(urdf_chain(content, base, tip), Path(path))
 
     return parse_file(path, parsed, limit_bytes=MAX_BYTES)
+
+
+def arm_with_remarks(chain: UrdfChain, file: Path) -> Arm:
+    """The arm of a chain in a file, with remarks on what was chosen; errors as in `read_urdf`."""
+    arm = chain.arm()
+    remarks = [f"{chain.remark}; {file.name}::LINK takes another."] if chain.remark else []
+    if arm.chain.coupling is not None:
+        unread = ", ".join(np.array(arm.joint_names)[~arm.chain.is_read])
+        remarks.append(
+            f"no angle is read of {unread}, which mimics another joint: in a table its column may hold zeros."
+        )
+    return replace(arm, remarks=tuple(remarks))
 
 
 class UrdfChain(NamedTuple):
@@ -284,7 +289,11 @@ class UrdfChain(NamedTuple):
 
 def urdf_chain(content: bytes, base: str | None, tip: str | None) -> UrdfChain:
     """The chain between two links in the content of a URDF; parameters and errors as of `read_urdf`."""
-    tree = UrdfTree(parse_xml(content))
+    return tree_chain(UrdfTree(parse_xml(content)), base, tip)
+
+
+def tree_chain(tree: UrdfTree, base: str | None, tip: str | None) -> UrdfChain:
+    """The chain between two links of a tree; parameters and errors as of `read_urdf`."""
     ends = find_ends(tree, base, tip)
     return UrdfChain(tree, tree.path(ends.base, ends.tip), ends.remark)
 

@@ -26,7 +26,7 @@ from truearm.errors import InputError
 if TYPE_CHECKING:
     from truearm.solve.executors import Executor
 
-ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF with its links: r.urdf, r.urdf:BASE:TIP."
+ARM_HELP = "A name from `truearm arms`, an arm file (.toml), or a URDF or MJCF with its links: r.urdf, r.urdf:BASE:TIP."
 KINDS: dict[str, Any] = {"bool": bool, "int": int, "float": float, "str": str}
 # Options of how a command runs and prints: the last of its help.
 LAST = ("force", "workers", "scheduler", "details", "as_json")

@@ -60,7 +60,7 @@ def export(
         Joint angles at which a file of constants must be good, the poses of your task; by default a sample of the
         training readings.
     source : str or Path, optional
-        For ``urdf``, ``ur-kinematics`` and ``lerobot``: the robot's own file, of which all but the constants is kept.
+        The robot's own file, of which all but the constants is kept: URDF, MJCF, kinematics yaml, LeRobot calibration.
     frame : {"base", "reference"}, optional
         For files of constants: the frame of the file's root is the arm's own base (default), or that of the reference.
     convention : {"dh", "mdh"}, optional

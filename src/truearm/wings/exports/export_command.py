@@ -26,7 +26,7 @@ def export(
         Option(help="Session or targets: the poses at which a file of constants must be good; training poses."),
     ] = None,
     source: Annotated[
-        str, Option("--original", help="The robot's own URDF or UR kinematics file, of which all else is kept.")
+        str, Option("--original", help="The robot's own file, of which all else is kept: see docs/export.md.")
     ] = "",
     frame: FrameOption = None,
     check: Annotated[Path | None, Option(help="An exported file to compare with the model, in place of --out.")] = None,

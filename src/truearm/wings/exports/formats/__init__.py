@@ -3,5 +3,15 @@
 from typing import Literal
 
 ExportFormat = Literal[
-    "urdf", "constants", "ur-kinematics", "kinematics-yaml", "joint-offsets", "lerobot", "c", "js", "onnx", "json"
+    "urdf",
+    "mjcf",
+    "constants",
+    "ur-kinematics",
+    "kinematics-yaml",
+    "joint-offsets",
+    "lerobot",
+    "c",
+    "js",
+    "onnx",
+    "json",
 ]

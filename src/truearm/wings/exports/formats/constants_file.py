@@ -125,7 +125,7 @@ def writer(
 
     def write(model: Compensator, path: str | Path, **options: Any) -> Written:
         request = ConstantsRequest(model, Path(path), **options)
-        if request.source is None or format != "urdf":
+        if request.source is None or format not in ("urdf", "mjcf"):
             check_not_coupled(model.arm_, format)
         rigid, chain, content, remarks = file_of(request)
         tips = chain.tip_in_base(check_joints(model))

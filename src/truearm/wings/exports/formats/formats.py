@@ -63,6 +63,7 @@ class FormatSpec(NamedTuple):
 _CONSTANTS = ("region", "frame")
 FORMATS: dict[ExportFormat, FormatSpec] = {
     "urdf": FormatSpec((".urdf",), "urdf", (*_CONSTANTS, "source"), "URDF"),
+    "mjcf": FormatSpec((".xml",), "mjcf", ("region", "source"), "MJCF"),
     "constants": FormatSpec((".csv",), "constants", (*_CONSTANTS, "convention"), "Constants beside the nominal ones"),
     "ur-kinematics": FormatSpec((".yaml", ".yml"), "ur_kinematics", (*_CONSTANTS, "source"), "UR kinematics file"),
     "kinematics-yaml": FormatSpec(
@@ -78,6 +79,7 @@ FORMATS: dict[ExportFormat, FormatSpec] = {
 # Formats that their suffix alone decides.
 BY_SUFFIX: dict[str, ExportFormat] = {
     ".urdf": "urdf",
+    ".xml": "mjcf",
     ".c": "c",
     ".mjs": "js",
     ".js": "js",

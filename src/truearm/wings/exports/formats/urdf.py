@@ -137,7 +137,7 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
 
     def edited(manifest: Manifest) -> bytes:
         origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})  # those of the source
-        kept = apply_edits(content, comment_edits(content, _is_manifest))
+        kept = apply_edits(content, comment_edits(content, is_manifest))
         named = manifest.model_copy(update={"provenance": origin})
         return _edited(kept, _robot(kept, base, tip), rigid, request.frame, named)
 
@@ -153,7 +153,8 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     return arm.chain.tip_in_base(joints)
 
 
-def _is_manifest(comment: str) -> bool:
+def is_manifest(comment: str) -> bool:
+    """Whether a comment is what an earlier export states of itself."""
     return comment.lstrip().startswith(f"{MARKER}: {{")
 
 
@@ -178,7 +179,7 @@ def _edited(content: bytes, robot: UrdfChain, rigid: RigidArm, frame: Frame, man
     root = robot.tree.robot
     after_start = root.start + len(start_tag(content, root.start))
     edits = [Edit(after_start, after_start, f"\n  <!-- {manifest.line()} -->".encode())]
-    for joint, T_parent_joint in _new_origins(robot.joints, rigid):
+    for joint, T_parent_joint in new_origins(robot.joints, rigid):
         edits.append(_origin_edit(content, joint, T_parent_joint))
     added, about = _added_links(robot, rigid, frame)
     extra = child(root, "truearm")
@@ -219,7 +220,7 @@ def _added_links(robot: UrdfChain, rigid: RigidArm, frame: Frame) -> tuple[list[
     return lines, about
 
 
-def _new_origins(joints: list[UrdfJoint], rigid: RigidArm) -> Iterator[tuple[UrdfJoint, FloatArray]]:
+def new_origins(joints: list[UrdfJoint], rigid: RigidArm) -> Iterator[tuple[UrdfJoint, FloatArray]]:
     """The moving joints whose origin changes, with its new value as a frame in the parent link [mm].
 
     The chain's constant motion between two moving joints is the product of the origins of the fixed joints between

@@ -1,0 +1,134 @@
+"""MJCF of the best rigid stand-in: the robot's own model of MuJoCo with new poses of its bodies.
+
+Only `pos` and the orientation of the bodies that joints move change, the latter written as a quaternion. Added are a
+site at the identified tip and a text with the chain's ends; meshes, masses, actuators and all else stay, byte for byte.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from truearm.arm.catalogue import split_links
+from truearm.arm.mjcf import ENDS_TEXT, ORIENTATIONS, MjcfRobot, mjcf_robot, read_mjcf
+from truearm.arm.urdf import MAX_BYTES, UrdfChain, free_name, spaced
+from truearm.arm.urdf_tree import MM_PER_M
+from truearm.errors import InputError
+from truearm.files.file_reading import read_limited
+from truearm.files.foreign_documents import Element, children
+from truearm.typing import FloatArray
+from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.wings.exports.formats.rigid_arm import RigidArm
+from truearm.wings.exports.formats.urdf import (
+    TIP_LINK,
+    Edit,
+    apply_edits,
+    comment_edits,
+    is_manifest,
+    new_origins,
+    set_attributes,
+    start_tag,
+    tag_text,
+)
+from truearm.wings.exports.targets.manifest import Manifest, read_manifest
+
+_ORIENTATION = re.compile(rb"""\s+(?:%b)\s*=\s*(?:"[^"]*"|'[^']*')""" % "|".join(ORIENTATIONS).encode())
+
+
+def _file_of(request: ConstantsRequest) -> ConstantsFile:
+    if request.source is None:
+        raise InputError("the robot's own model is not stated", hint="--original robot.xml; MuJoCo reads a URDF too")
+    file, base, tip = split_links(request.source)
+    content = read_limited(file, limit_bytes=MAX_BYTES)
+    try:
+        robot = mjcf_robot(content)
+        rigid = request.rigid_arm(robot.chain(base, tip).arm())
+        _check_bodies(robot, robot.chain(base, tip), content)
+    except InputError as error:
+        raise error.in_file(file) from None
+
+    def edited(manifest: Manifest) -> bytes:
+        origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})
+        kept = apply_edits(content, comment_edits(content, is_manifest))
+        again = mjcf_robot(kept)
+        named = manifest.model_copy(update={"provenance": origin})
+        return _edited(kept, again, again.chain(base, tip), rigid, named)
+
+    return ConstantsFile(rigid, rigid.arm.chain, edited)
+
+
+def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
+    """(n, 3) tips [mm] of an exported file, in its base frame, at joints (n, n_joints) [rad, or mm]."""
+    arm, names = read_mjcf(path), read_manifest(path).provenance.joint_names
+    if arm.joint_names != names:
+        raise InputError(f"expected the joints {', '.join(names)}, got {', '.join(arm.joint_names)}", file=path)
+    return arm.chain.tip_in_base(joints)
+
+
+def _check_bodies(robot: MjcfRobot, chain: UrdfChain, content: bytes) -> None:
+    """Refuse a model whose bodies cannot place its joints, and one that is not in an encoding that has ASCII."""
+    if not content.startswith(b"<mujoco", robot.root.start):
+        raise InputError("expected a model in UTF-8 or another encoding that has ASCII", hint="save it as UTF-8")
+    for joint in chain.joints:
+        if joint.is_moving and not robot.joints[joint.name].is_alone:
+            raise InputError(
+                f"the body of joint {joint.name!r} has several joints, which its pose cannot place one by one",
+                line=joint.element.line,
+                hint="give each joint a body of its own",
+            )
+
+
+def _edited(content: bytes, robot: MjcfRobot, chain: UrdfChain, rigid: RigidArm, manifest: Manifest) -> bytes:
+    root = robot.root
+    after_start = root.start + len(start_tag(content, root.start))
+    edits = [Edit(after_start, after_start, f"\n  <!-- {manifest.line()} -->".encode())]
+    for joint, T_parent_joint in new_origins(chain.joints, rigid):
+        moved = robot.joints[joint.name]
+        edits.append(_body_edit(content, moved.body, T_parent_joint @ np.linalg.inv(moved.at_zero)))
+    base, tip = chain.joints[0].parent, chain.joints[-1].child
+    if rigid.arm.chain.tip_in_flange.any():
+        names = [one.get("name", "") for one in (*root.iter(), *robot.robot.iter())]
+        tip = free_name(TIP_LINK, names)
+        edits.append(_site_edit(content, robot, chain, rigid.arm.chain.tip_in_flange, tip))
+    ends = {"name": ENDS_TEXT, "data": f"{base}:{tip}"}
+    stated = [text for custom in children(root, "custom") for text in children(custom, "text")]
+    ours = next((text for text in stated if text.get("name") == ENDS_TEXT), None)
+    if ours is not None:
+        edits.append(set_attributes(content, ours.start, ends))
+    else:
+        edits.append(Edit(root.end, root.end, f"  <custom>{tag_text('text', ends)}</custom>\n".encode()))
+    return apply_edits(content, edits)
+
+
+def _site_edit(content: bytes, robot: MjcfRobot, chain: UrdfChain, tip_in_flange: FloatArray, name: str) -> Edit:
+    """Add a site at the tip to the last body that moves."""
+    last = max(i for i, joint in enumerate(chain.joints) if joint.is_moving)
+    moved = robot.joints[chain.joints[last].name]
+    T_body_flange = moved.in_body
+    for joint in chain.joints[last + 1 :]:
+        T_body_flange = T_body_flange @ joint.origin
+    position = T_body_flange[:3, :3] @ tip_in_flange + T_body_flange[:3, 3]
+    site = tag_text("site", {"name": name, "pos": spaced(position / MM_PER_M)})
+    line = content.rfind(b"\n", 0, moved.body.end) + 1
+    indent = content[line : moved.body.end]
+    if indent.strip():  # the end tag is not alone in its line
+        return Edit(moved.body.end, moved.body.end, site.encode())
+    return Edit(line, line, b"%b  %b\n" % (indent, site.encode()))
+
+
+def _body_edit(content: bytes, body: Element, frame: FloatArray) -> Edit:
+    """Give a body another pose; an orientation in another form becomes a quaternion."""
+    tag = start_tag(content, body.start)
+    if "quat" not in body.attrib:
+        tag = _ORIENTATION.sub(b"", tag)
+    quat = Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True)
+    pose = {"pos": spaced(frame[:3, 3] / MM_PER_M), "quat": spaced(quat)}
+    edit = set_attributes(tag, 0, pose)
+    return Edit(body.start, body.start + len(start_tag(content, body.start)), edit.replacement)
+
+
+write = writer("mjcf", _file_of)
