@@ -17,7 +17,7 @@ READ = {"artefacts", "certificate", "files", "folder", "model", "new", "old", "s
 READ |= {"--about", "--artefacts", "--as-found", "--check", "--from-circles", "--key", "--lengths", "--list", "--logo"}
 READ |= {"--measured", "--model-file", "--mpe", "--plan", "--prior", "--read", "--region", "--session", "--signer"}
 READ |= {"--camera", "images", "pixels", "robot", "samples"}
-READ |= {"--frames", "--test-session", "--trusted", "--with"}
+READ |= {"--frames", "--test-images", "--test-session", "--trusted", "--with"}
 
 
 def rows() -> dict[tuple[str, str], str]:

@@ -182,9 +182,13 @@ def test_the_command_reads_a_table_of_each_camera(truearm, tmp_path, monkeypatch
         pixels.rows(pixels.camera == name).save(f"{name}.csv")
     boards = [word for name, board in BOARDS.items() for word in ("--board", f"{name}={board.name}")]
     words = ["fit-images", "joints.csv", "left.csv", "right.csv", "--arm", "ur5", *boards, "--on-flange", "right"]
-    done = truearm(*words, "--model", "kinematic", "--out", "cell.truearm", "--camera-out", "camera.yaml", "--json")
+    new, others = joined(cells(wrist=True), seed=60)
+    new.save("other.csv")
+    others.save("others.csv")
+    words += ["--model", "kinematic", "--test-images", "other.csv", "others.csv", "--camera-out", "camera.yaml"]
+    done = truearm(*words, "--out", "cell.truearm", "--json")
     assert done.code == 0, done.err
-    assert json.loads(done.out)["n_images"] == 2 * EACH
+    assert json.loads(done.out)["n_images"] == json.loads(done.out)["test"]["n"] == 2 * EACH
     for name, lens in LENSES.items():
         assert read_camera(f"camera-{name}.yaml").width == lens.width
     words = ["fit-images", "joints.csv", "left.csv", "--arm", "ur5", "--board", "a=x", "--board", "a=y", "--out", "m"]

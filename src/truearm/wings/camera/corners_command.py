@@ -10,8 +10,10 @@ from typer import Argument, Option
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 
-BoardOption = Annotated[str, Option("--board", help="The board, as charuco:8x11,15mm,11mm; see truearm board.")]
-CameraOption = Annotated[Path | None, Option("--camera", help="The camera's intrinsics: camera_info of ROS, .yaml.")]
+BOARD = Option("--board", help="The board, as charuco:8x11,15mm,11mm; see truearm board.")
+CAMERA = Option("--camera", help="The camera's intrinsics: camera_info of ROS, .yaml.")
+BoardOption = Annotated[str, BOARD]
+CameraOption = Annotated[Path | None, CAMERA]
 
 
 @options.of_verb("truearm.wings.camera.find_corners:find_corners", omit=("progress",))

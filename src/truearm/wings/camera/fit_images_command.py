@@ -10,6 +10,7 @@ from typer import Argument, Option
 from truearm.verbs import options
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_model_output, check_new_output
+from truearm.wings.camera.corners_command import BOARD, CAMERA
 
 
 @options.of_verb("truearm.wings.camera.fit_images:fit_images", called={"u_camera_px": "--u-camera"})
@@ -20,14 +21,9 @@ def fit_images(
         list[Path], Argument(metavar="PIXELS", help="Corners in the images: reading, corner, u_px, v_px.")
     ],
     arm: Annotated[str, Option("--arm", help=f"Nominal arm. {options.ARM_HELP}")],
-    board: Annotated[
-        list[str], Option("--board", help="The board, as charuco:8x11,15mm,11mm; of several NAME=charuco:...")
-    ],
+    board: Annotated[list[str], BOARD],
     out: options.ModelOut,
-    camera: Annotated[
-        list[str] | None,
-        Option("--camera", help="The camera's intrinsics: camera_info of ROS, .yaml; of several NAME=FILE."),
-    ] = None,
+    camera: Annotated[list[Path] | None, CAMERA] = None,
     eye_in_hand: Annotated[
         bool, Option("--eye-in-hand/--no-eye-in-hand", help="The cameras are on the flange and the boards stand.")
     ] = False,
@@ -39,7 +35,7 @@ def fit_images(
     ] = None,
     test: Annotated[
         tuple[Path, Path] | None,
-        Option("--test", metavar="SESSION PIXELS", help="Other images, at poses not in the fit: errors of the boards."),
+        Option("--test-images", metavar="SESSION PIXELS", help="Other images, at poses not in the fit: errors of the boards."),
     ] = None,
     model: options.ModelOption = "auto",
     force: options.Force = False,
@@ -55,7 +51,8 @@ def fit_images(
 
     The camera stands beside the robot and the board is on its flange, or with --eye-in-hand the camera is on the flange
     and the board stands. PIXELS has a row for each corner: reading (the row of SESSION, counted from 1), corner,
-    u_px, v_px; where there are several cameras or boards their names too. There may be several such tables.
+    u_px, v_px. There may be several such tables, of several cameras and boards, which they then name: --board and
+    --camera are stated for each, as NAME=TEXT.
 
     The intrinsics are found with the arm; --camera states them, --u-camera 2 how well they are known [px], and
     --u-camera 0 keeps them. The board's size is known to 0.2 %, as printers print; u=0.05% behind the board states
@@ -64,13 +61,16 @@ def fit_images(
     from truearm.wings.camera.cell_images import by_name
     from truearm.wings.camera.observations import camera_files
 
-    boards, lenses = by_name(board), by_name(camera or ())
+    boards, lenses = by_name(board), by_name([str(one) for one in camera or ()])
     given["eye_in_hand"] = on_flange or eye_in_hand
     files = session, *pixels, *map(Path, lenses.values()), given["lengths"], *(test or ())
     check_model_output(out, None, *files, force=force)
-    outputs = {} if camera_out is None else camera_files(camera_out, pixels, lenses)
-    for path in outputs.values():
-        check_new_output(path, *files, out, force=force, endings=(".yaml",))
+    outputs: dict[str, Path] = {}
+    if camera_out is not None:
+        check_new_output(camera_out, *files, out, force=force, endings=(".yaml",))
+        outputs = camera_files(camera_out, pixels, lenses)
+        for path in outputs.values():
+            check_new_output(path, *files, out, force=force)
     with progress("fitting images", total=4 if model == "auto" else None) as report:
         given |= {"board": boards, "camera": lenses or None, "test": test, "model": model}
         result = verb(arm, session, pixels, **given, progress=report)
