@@ -237,7 +237,7 @@ def test_the_camera_is_not_where_it_is_stated():
     with pytest.raises(InputError, match="with the camera on the flange; with the camera beside") as error:
         fit_images("ur5", session, pixels, board=cell.board, eye_in_hand=True, model="kinematic")
     assert error.value.hint is not None
-    assert error.value.hint.startswith("--no-eye-in-hand; if the readings are right")
+    assert error.value.hint.startswith("omit --eye-in-hand, or the camera's --on-flange; if the readings are right")
 
 
 def test_a_board_of_another_size_has_a_remedy_that_the_command_knows():

@@ -25,7 +25,12 @@ def fit_images(
     out: options.ModelOut,
     camera: Annotated[list[Path] | None, CAMERA] = None,
     eye_in_hand: Annotated[
-        bool, Option("--eye-in-hand/--no-eye-in-hand", help="The cameras are on the flange and the boards stand.")
+        bool,
+        Option(
+            "--eye-in-hand",
+            help="The camera is on the flange and the board stands. By default the camera stands and the board is on "
+            "the flange.",
+        ),
     ] = False,
     on_flange: Annotated[
         list[str] | None, Option("--on-flange", metavar="NAME", help="Name of a camera on the flange; others stand.")
@@ -35,7 +40,7 @@ def fit_images(
     ] = None,
     test: Annotated[
         tuple[Path, Path] | None,
-        Option("--test-images", metavar="SESSION PIXELS", help="Other images, at poses not in the fit: errors of the boards."),
+        Option("--test-images", metavar="SESSION PIXELS", help="Other images, at poses that are not in the fit."),
     ] = None,
     model: options.ModelOption = "auto",
     force: options.Force = False,

@@ -291,7 +291,8 @@ def _refuse_misfit(
     rms = found[0][WAYS[0]].rms_mm
     where, elsewhere, option = "beside the robot", "on the flange", "--eye-in-hand"
     if eye_in_hand:
-        where, elsewhere, option = elsewhere, where, "--no-eye-in-hand"
+        where, elsewhere = elsewhere, where
+        option = "--no-eye-in-hand" if remedies.inverted else "omit --eye-in-hand, or the camera's --on-flange"
     misses = f"the positions miss each other by {rms:.3g} mm" if np.isfinite(rms) else "the positions do not fit"
     misses += f" with the camera {where}"
     best = {way: min(fits[way].rms_mm for fits in found) for way in WAYS[1:]}
