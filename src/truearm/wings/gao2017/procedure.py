@@ -269,6 +269,39 @@ def _with_fewer_readings(run: CrossValidation, chosen: SettingResult) -> list[Se
     return rows
 
 
+def _searched(run: CrossValidation, arm: Arm) -> dict[SettingResult, FloatArray]:
+    """The settings of the grid, each with its predictions of held-out readings."""
+    readings, grid = run.readings, run.grid
+    settings = grid.settings(len(readings), readings.n_joints)
+    for setting in settings:
+        setting.model(arm, seed=grid.seed).prepare(readings)  # refuses impossible settings before the first training
+    times = [grid.folds * run.seconds(setting, len(readings)) for setting in settings]
+    run.total = sum(times) + max(times)  # last the chosen network, with fewer readings and with all
+    return dict(run.result(setting) for setting in settings)
+
+
+def _predictions(
+    run: CrossValidation,
+    models: Iterable[str],
+    fit: Callable[[str, Session], Compensator],
+    test: Session | None,
+    of_network: FloatArray,
+) -> tuple[dict[str, FloatArray], dict[str, str]]:
+    """Predictions of network and models, of held-out readings where there are no others; why some have none."""
+    predicted = {"network": of_network}
+    refused: dict[str, str] = {}
+    for name in models:
+        run.tell(0.0, f"{name} model")
+        try:
+            if test is None:
+                predicted[name] = run.held_out(lambda _, train, name=name: fit(name, train))  # type: ignore[misc]
+            else:
+                predicted[name] = fit(name, run.readings).predict_readings(test)
+        except InputError as error:
+            refused[name] = error.problem
+    return predicted, refused
+
+
 def run_procedure(
     arm: Arm,
     readings: Session,
@@ -304,30 +337,14 @@ def run_procedure(
         If there are too few poses, or a network cannot learn from the readings.
     """
     run = CrossValidation(readings, grid, folder, progress)
-    settings = grid.settings(len(readings), readings.n_joints)
-    for setting in settings:
-        setting.model(arm, seed=grid.seed).prepare(readings)  # refuses impossible settings before the first training
-    times = [grid.folds * run.seconds(setting, len(readings)) for setting in settings]
-    run.total = sum(times) + max(times)  # last the chosen network, with fewer readings and with all
-    held_out = dict(run.result(setting) for setting in settings)
+    held_out = _searched(run, arm)
     chosen = min(held_out, key=lambda row: row.errors.mean_mm)
     amounts = _with_fewer_readings(run, chosen)
-    network = run.network(
-        chosen.setting.model(arm, seed=grid.seed, free=free), chosen.setting, readings, f"{chosen.setting}, all"
-    )
-    tested = readings if test is None else test
-    predicted = {"network": held_out[chosen] if test is None else network.predict_readings(test)}
-    refused: dict[str, str] = {}
-    for name in models:
-        run.tell(0.0, f"{name} model")
-        try:
-            if test is None:
-                predicted[name] = run.held_out(lambda _, train, name=name: fit(name, train))  # type: ignore[misc]
-            else:
-                predicted[name] = fit(name, readings).predict_readings(test)
-        except InputError as error:
-            refused[name] = error.problem
-    truth = np.asarray(tested.points)
+    untrained = chosen.setting.model(arm, seed=grid.seed, free=free)
+    network = run.network(untrained, chosen.setting, readings, f"{chosen.setting}, all")
+    tested, of_network = (readings, held_out[chosen]) if test is None else (test, network.predict_readings(test))
+    predicted, refused = _predictions(run, models, fit, test, of_network)
+    truth, _shown = np.asarray(tested.points), [name for name in ("nominal", "network", *MODELS) if name in predicted]
     return Procedure(
         grid=grid,
         n_readings=len(readings),
@@ -340,9 +357,7 @@ def run_procedure(
         points=truth,
         predicted=predicted,
         errors={
-            name: CoordinateErrors.of(predicted[name] - truth)
-            for name in ("nominal", "network", *MODELS)
-            if name in predicted
+            n: CoordinateErrors.of(predicted[n] - truth) for n in ("nominal", "network", *MODELS) if n in predicted
         },
         n_outside=int(network.outside_training(tested).sum()),
         best=_best(predicted, tested) if len(predicted) > 1 else None,

@@ -98,28 +98,21 @@ def arm_from_circles(
     slides = arm_of_readings(given).chain.is_prismatic
     found = joint_circles(given, slides)
     circles, estimated = found.circles, estimate_axes(given, found, slides)
-    said = tuple(_judge_gains(given, estimated))
-    faults = found.failed | uncertain_directions(given, circles, estimated)
-    if len(faults) == given.n_joints:
-        raise faults[min(faults)]
-    failed = {joint: f"{fault.problem}: {fault.hint}" for joint, fault in sorted(faults.items())}
+    remarks = [*acceptance_remarks(accept), *map(str, unfilled_rows(given)), *_judge_gains(given, estimated)]
+    failed = _said_of_failed(found.failed | uncertain_directions(given, circles, estimated), given.n_joints)
     table = _own_frames(drawn_table(estimated.axes.chain(), convention))
-    std, is_base_measured = _uncertainty(estimated, convention), True
-    if failed:
-        depends, is_base_measured = _depends_on(failed, estimated.axes, convention)
-        std = np.where(depends, np.nan, std)
+    std, is_base_measured = _known_uncertainty(estimated, convention, failed)
     n_points = len(np.unique(np.concatenate([circle.rows for circle in circles])))
-    at_joint_1, accepted = replace(table, base=np.eye(4)), acceptance_remarks(accept)
+    at_joint_1 = replace(table, base=np.eye(4))
     arm = Arm(
         name,
         at_joint_1.chain(),
         title="measured by the circles of its joints" + _but(failed, std, is_base_measured=is_base_measured),
         working_pose=estimated.axes.pose,
-        source="; ".join([_source(given, n_points, len(circles), estimated), *accepted]),
+        source="; ".join([_source(given, n_points, len(circles), estimated), *acceptance_remarks(accept)]),
         serial_number=serial_number_of(given),
         table=at_joint_1,
     )
-    remarks = [*accepted, *map(str, unfilled_rows(given)), *said]
     if unused := len(given) - n_points:
         remarks.append(f"{number_of(unused)} in no circle, ignored.")
     return CircleArm(arm, table, std, circles, estimated, failed, n_points, tuple(remarks), is_base_measured)
@@ -147,6 +140,24 @@ def _own_frames(table: DHTable) -> DHTable:
     theta[0] = d[0] = 0.0
     tip = flange[:3, :3] @ table.tip_in_flange + flange[:3, 3]
     return replace(table, base=base, theta=theta, d=d, flange=np.eye(4), tip_in_flange=tip)
+
+
+def _said_of_failed(faults: Mapping[int, InputError], n_joints: int) -> dict[int, str]:
+    """Why joints are not measured; raises if none is."""
+    if len(faults) == n_joints:
+        raise faults[min(faults)]
+    return {joint: f"{fault.problem}: {fault.hint}" for joint, fault in sorted(faults.items())}
+
+
+def _known_uncertainty(
+    estimated: EstimatedAxes, convention: Convention, failed: Collection[int]
+) -> tuple[FloatArray, bool]:
+    """`_uncertainty`, NaN for constants that depend on joints that failed; whether the base frame is measured."""
+    std = _uncertainty(estimated, convention)
+    if not failed:
+        return std, True
+    depends, is_base_measured = _depends_on(failed, estimated.axes, convention)
+    return np.where(depends, np.nan, std), is_base_measured
 
 
 def _uncertainty(estimated: EstimatedAxes, convention: Convention) -> FloatArray:

@@ -55,8 +55,6 @@ def arms(
     With --from-circles: an arm without a drawing, measured by the circles that its joints describe one by one.
     Exit code 1: a joint is not measured, and the arm file marks it.
     """
-    from truearm.verbs.inputs import is_model_file
-
     if circles_plan is None:
         options.refuse_typed(context, ("points", "span", "noise"), "applies to --circles-plan only")
     if from_circles is None:
@@ -64,25 +62,18 @@ def arms(
     if from_circles is not None or circles_plan is not None:
         of_name = ("arm", "page", "readings", "lengths", "free", "apply")
         options.refuse_typed(context, of_name, "does not apply to --from-circles and --circles-plan")
-        if from_circles is None:
-            _plan_circles(out, circles_plan or 0, points, span, noise, force=force, as_json=as_json)
-        elif circles_plan is None:
-            _measure(from_circles, out, convention, accept, force=force, as_json=as_json)
-        else:
-            raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
-        return
-    if readings is not None or lengths is not None or apply is not None:
-        if readings is None or not arm or out is not None or page is not None or is_model_file(arm):
-            name = arm if arm and not is_model_file(arm) else "my-arm.toml"
-            raise InputError(
-                "--session needs a nominal arm, without --out and --page; --lengths and --apply need --session",
-                hint=f"truearm arms {name} --session {readings or 'session.csv'}",
-            )
-        _diagnose(arm, readings, lengths, free, apply, force=force, as_json=as_json)
-        return
-    if search and arm:
+    if from_circles is not None and circles_plan is not None:
+        raise InputError("--circles-plan writes the file that --from-circles reads", hint="one of them at a time")
+    if circles_plan is not None:
+        _plan_circles(out, circles_plan, points, span, noise, force=force, as_json=as_json)
+    elif from_circles is not None:
+        _measure(from_circles, out, convention, accept, force=force, as_json=as_json)
+    elif readings is not None or lengths is not None or apply is not None:
+        nominal, session = _of_nominal_arm(arm, readings, out, page)
+        _diagnose(nominal, session, lengths, free, apply, force=force, as_json=as_json)
+    elif search and arm:
         raise InputError("--search needs no name of an arm", hint=f"truearm arms --search '{search}'")
-    if arm:
+    elif arm:
         _describe(arm, out, page, convention, force=force, as_json=as_json)
     else:
         _list(search, out, page, as_json=as_json)
@@ -123,6 +114,19 @@ def _describe(
         print_line(f"{out}: {description.arm.name}, {description.arm.n_joints} joints")
     if out is None or page is not None:
         print_record(description, as_json=as_json, files={"page": page})
+
+
+def _of_nominal_arm(arm: str, readings: Path | None, out: Path | None, page: Path | None) -> tuple[str, Path]:
+    """The arm and the session of a diagnosis; what does not go with it is refused."""
+    from truearm.verbs.inputs import is_model_file
+
+    if readings is None or not arm or out is not None or page is not None or is_model_file(arm):
+        name = arm if arm and not is_model_file(arm) else "my-arm.toml"
+        raise InputError(
+            "--session needs a nominal arm, without --out and --page; --lengths and --apply need --session",
+            hint=f"truearm arms {name} --session {readings or 'session.csv'}",
+        )
+    return arm, readings
 
 
 def _diagnose(

@@ -17,7 +17,6 @@ from truearm.wings.laboratory.verbs.verify_command import MeasuredPoints, RuleOp
 
 if TYPE_CHECKING:
     from truearm.wings.laboratory.signatures.x509_certificates import Signer
-    from truearm.wings.laboratory.verbs.verify import VerificationResult
 
 # Options that a certificate needs.
 NEEDED = ("--test-plan", "--measured", "--artefacts", "--mpe", "--about", "--out")
@@ -77,12 +76,9 @@ def certificate(
     inputs = (plan, measured, as_found, of_artefacts, specification, administrative, logo, key, signer)
     check_certificate_paths(file_out, page, pdf, *inputs, force=force)
     signing = None if key is None or signer is None else _signer(key, signer)
-
-    def verified(measured: Path) -> VerificationResult:
-        given: dict[str, Any] = {"artefacts": of_artefacts, "specification": specification, "rule": rule}
-        return verify(measured, plan=str(plan), accept=accept, **given)
-
-    after, before = verified(measured), None if as_found is None else verified(as_found)
+    given: dict[str, Any] = {"artefacts": of_artefacts, "specification": specification, "rule": rule}
+    given |= {"plan": str(plan), "accept": accept}
+    after, before = verify(measured, **given), None if as_found is None else verify(as_found, **given)
     result = stated(after, administrative, as_found=before, unconfirmed=unconfirmed, accept=accept)
     result.save(file_out, page, pdf=pdf, logo=logo, signer=signing, force=force)
     print_record(result, as_json=as_json, files={"certificate": out, "page": page, "PDF": pdf})

@@ -106,22 +106,31 @@ def design_problem(
         _factor(candidates.readings([place]), seat, by_noise, noise_mm, column, bars, p + q)
         for place in range(len(candidates))
     ]
-    prior, target = np.diag(np.full(p + q, SEAT_STD_MM**-2.0)), np.zeros((p + q, p + q))
-    prior[:p, :p] = prior_precision
-    if bar:
-        prior[-1, -1] = length_u_mm**-2.0
-        _add_bars(prior, column, bars)
+    prior = _with_seats(prior_precision, p + q, column, bars, length_u_mm if bar else None)
+    target = np.zeros((p + q, p + q))
     target[:p, :p] = moment_matrix(jacobian_there, tips_there, scale=scale)
     return DesignProblem(stack_factors(factors), prior, target)
 
 
-def _add_bars(prior: FloatArray, column: Mapping[int, int], bars: Sequence[tuple[int, int, FloatArray]]) -> None:
-    """Add what bars with shared seats tell of both: their distance is the length, the last unknown."""
+def _with_seats(
+    prior_precision: FloatArray,
+    size: int,
+    column: Mapping[int, int],
+    bars: Sequence[tuple[int, int, FloatArray]],
+    length_u_mm: float | None,
+) -> FloatArray:
+    """Precision of terms, shared seats from their `column` on and, last, the length of the bar, by which they are."""
+    p = len(prior_precision)
+    prior = np.diag(np.full(size, SEAT_STD_MM**-2.0))
+    prior[:p, :p] = prior_precision
+    if length_u_mm is not None:
+        prior[-1, -1] = length_u_mm**-2.0
     for one, other, along in bars:
         if one in column:
-            row = np.zeros(len(prior))
+            row = np.zeros(size)
             row[column[one] :][:3], row[column[other] :][:3], row[-1] = -along, along, -1 / Lengths.default_u_place_mm
             prior += np.outer(row, row)
+    return prior
 
 
 def _check_problem(candidates: Candidates, state: ArmState, noise_mm: float, length_u_mm: float) -> None:
