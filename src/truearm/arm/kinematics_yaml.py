@@ -8,7 +8,6 @@ lengths in m, roll, pitch and yaw as a URDF reads them. Universal Robots' is of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -35,14 +34,14 @@ class JointPoses(NamedTuple):
     ----------
     names : tuple of str
         Of the joints that turn.
-    nodes : list of mapping
-        The six numbers of every joint, of the flange too, where the file has one.
+    nodes : list of list
+        x, y, z, roll, pitch, yaw of every joint, of the flange too, where the file has one.
     fixed : (n_joints + 1, 4, 4) array
         As a chain has them [mm].
     """
 
     names: tuple[str, ...]
-    nodes: list[Mapping[str, YamlNode]]
+    nodes: list[list[YamlNode]]
     fixed: FloatArray
 
 
@@ -93,6 +92,6 @@ def joint_poses(root: YamlNode) -> JointPoses:
     poses = [(entries[name].entries or {}).get("kinematic", entries[name]) for name in names]
     frames = [pose_of(name, pose, "urdf") for name, pose in zip(names, poses, strict=True)]
     has_flange = len(names) == FRANKA_JOINTS + 1 and "kinematic" in (entries[names[0]].entries or {})
-    nodes: list[Mapping[str, YamlNode]] = [pose.mapping("a pose", required=POSE) for pose in poses]
+    nodes = [[pose.mapping("a pose", required=POSE)[key] for key in POSE] for pose in poses]
     fixed = np.array(frames if has_flange else [*frames, np.eye(4)])
     return JointPoses(tuple(names[: len(fixed) - 1]), nodes, fixed)

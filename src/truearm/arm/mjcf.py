@@ -11,7 +11,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,11 +26,8 @@ from truearm.files.foreign_documents import Element, children, float_attribute, 
 from truearm.typing import FloatArray
 
 WORLD = "world"
-# The text element in which truearm states base and tip.
-ENDS_TEXT = "truearm"
 # Links of the URDF; a humanoid in a kitchen has some hundreds.
 MAX_LINKS = 10_000
-ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 _LENGTHS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 _JOINTS = ("joint", "freejoint")
 _KINDS = {"hinge": "revolute", "slide": "prismatic", "free": "floating", "ball": "floating"}
@@ -73,9 +70,19 @@ class MjcfRobot:
         By name.
     """
 
+    # The name of the text element in which truearm states base and tip.
+    ends_name: ClassVar[str] = "truearm"
+    orientations: ClassVar[tuple[str, ...]] = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
+
     root: Element
     robot: Element
     joints: dict[str, MjcfJoint] = field(default_factory=dict)
+
+    @property
+    def ends(self) -> Element | None:
+        """The text element in which truearm has stated base and tip; None without."""
+        texts = (text for custom in children(self.root, "custom") for text in children(custom, "text"))
+        return next((text for text in texts if text.get("name") == self.ends_name), None)
 
     def chain(self, base: str | None, tip: str | None) -> UrdfChain:
         """The chain between two bodies or sites; parameters and errors as of `read_mjcf`."""
@@ -145,7 +152,7 @@ class _Settings:
         frame, what = np.eye(4), f"<{element.tag}> {element.get('name', '')!r}"
         if "pos" in element.attrib:
             frame[:3, 3] = MM_PER_M * float_attribute(element, "pos", what, 3)
-        stated = [name for name in ORIENTATIONS if name in element.attrib]
+        stated = [name for name in MjcfRobot.orientations if name in element.attrib]
         if len(stated) > 1:
             raise InputError(f"{what} has the orientations {' and '.join(stated)}", line=element.line)
         for name in stated:
@@ -322,11 +329,9 @@ class _Reading:
     def _state_ends(self) -> None:
         """The ends that the file states, and gravity, as the URDF of truearm has them."""
         about: dict[str, str] = {}
-        for custom in children(self.root, "custom"):
-            for text in children(custom, "text"):
-                if text.get("name") == ENDS_TEXT:
-                    base, _, tip = text.get("data", "").partition(":")
-                    about = {"base": base, "tip": tip}
+        if (text := self.made.ends) is not None:
+            base, _, tip = text.get("data", "").partition(":")
+            about = {"base": base, "tip": tip}
         for option in children(self.root, "option"):
             if "gravity" in option.attrib:
                 gravity = float_attribute(option, "gravity", "the option", 3)

@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from truearm.arm.kinematics_yaml import POSE, joint_poses, read_kinematics_yaml
+from truearm.arm import load_arm
+from truearm.arm.kinematics_yaml import joint_poses
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
-from truearm.arm.ur_kinematics import MAX_BYTES
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited, utf8_text
 from truearm.files.foreign_documents import parse_yaml
 from truearm.wings.exports.formats import ur_kinematics
-from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.wings.exports.formats.constants_file import MAX_BYTES, ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.joint_offsets import yaml_number
 from truearm.wings.exports.formats.urdf import is_same_frame
 from truearm.wings.exports.targets.manifest import MARKER, Manifest
@@ -35,7 +36,7 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
         raise InputError("the maker's file is not stated", hint="--original kinematics.yaml, that of the description")
     if request.frame != "base":
         raise InputError("a maker's kinematics yaml is in the robot's own base frame", hint="leave out --frame")
-    nominal = read_kinematics_yaml(source)
+    nominal = load_arm(Path(source))
     text = _OURS.sub("", utf8_text(read_limited(source, limit_bytes=MAX_BYTES)))
     try:
         poses = joint_poses(parse_yaml(text.encode()))
@@ -48,8 +49,8 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
         if not is_same_frame(new, old):
             xyz, rpy = xyz_rpy_from_frame(new)
             edits += [
-                (*node[key].span, yaml_number(value))
-                for key, value in zip(POSE, (*(xyz / MM_PER_M), *rpy), strict=True)
+                (*number.span, yaml_number(value))
+                for number, value in zip(node, (*(xyz / MM_PER_M), *rpy), strict=True)
             ]
     pieces, done = [], 0
     for start, stop, number in sorted(edits):

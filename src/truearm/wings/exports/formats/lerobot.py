@@ -6,14 +6,12 @@ unless these are known. What else a model has learned is no part of the file.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from truearm.arm.arm import joint_zeros, with_zeros
+from truearm.arm.arm import joint_zeros
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import IntArray
 from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.rigid_arm import zeros_alone
 from truearm.wings.exports.targets.lerobot_motors import (
@@ -51,13 +49,7 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
                 hint="calibrate in LeRobot with the arm nearer to the middle of its ranges, and measure again",
             )
     made = with_homing(content, dict(zip(MOTORS, homing.tolist(), strict=True)))
-    exact = with_zeros(rigid.nominal, _rounded(zeros)).chain
-    chain = replace(rigid.arm.chain, fixed=np.concatenate([exact.fixed[:-1], rigid.arm.chain.fixed[-1:]]))
-    return ConstantsFile(rigid, chain, lambda _: made, tuple(_remarks(motors.homing, changes)))
-
-
-def _rounded(zeros: FloatArray) -> FloatArray:
-    return np.asarray(np.rint(zeros * TICKS_PER_RAD) / TICKS_PER_RAD)
+    return ConstantsFile(rigid, rigid.arm.chain, lambda _: made, tuple(_remarks(motors.homing, changes)))
 
 
 def _remarks(homing: IntArray, changes: IntArray) -> list[str]:

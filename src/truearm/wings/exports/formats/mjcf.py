@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from truearm.arm import load_arm
 from truearm.arm.catalogue import split_links
-from truearm.arm.mjcf import ENDS_TEXT, ORIENTATIONS, MjcfRobot, mjcf_robot, read_mjcf
+from truearm.arm.mjcf import MjcfRobot, mjcf_robot
 from truearm.arm.urdf import MAX_BYTES, UrdfChain, free_name, spaced
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
-from truearm.files.foreign_documents import Element, children
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.rigid_arm import RigidArm
@@ -36,7 +36,10 @@ from truearm.wings.exports.formats.urdf import (
 )
 from truearm.wings.exports.targets.manifest import Manifest, read_manifest
 
-_ORIENTATION = re.compile(rb"""\s+(?:%b)\s*=\s*(?:"[^"]*"|'[^']*')""" % "|".join(ORIENTATIONS).encode())
+_ORIENTATION = re.compile(
+    rb"""\s+(?:%b)\s*=\s*(?:"[^"]*"|'[^']*')"""
+    % "|".join(name for name in MjcfRobot.orientations if name != "quat").encode()
+)
 
 
 def _file_of(request: ConstantsRequest) -> ConstantsFile:
@@ -63,7 +66,7 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
 
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     """(n, 3) tips [mm] of an exported file, in its base frame, at joints (n, n_joints) [rad, or mm]."""
-    arm, names = read_mjcf(path), read_manifest(path).provenance.joint_names
+    arm, names = load_arm(Path(path)), read_manifest(path).provenance.joint_names
     if arm.joint_names != names:
         raise InputError(f"expected the joints {', '.join(names)}, got {', '.join(arm.joint_names)}", file=path)
     return arm.chain.tip_in_base(joints)
@@ -88,17 +91,15 @@ def _edited(content: bytes, robot: MjcfRobot, chain: UrdfChain, rigid: RigidArm,
     edits = [Edit(after_start, after_start, f"\n  <!-- {manifest.line()} -->".encode())]
     for joint, T_parent_joint in new_origins(chain.joints, rigid):
         moved = robot.joints[joint.name]
-        edits.append(_body_edit(content, moved.body, T_parent_joint @ np.linalg.inv(moved.at_zero)))
+        edits.append(_pose_edit(content, moved.body.start, T_parent_joint @ np.linalg.inv(moved.at_zero)))
     base, tip = chain.joints[0].parent, chain.joints[-1].child
     if rigid.arm.chain.tip_in_flange.any():
         names = [one.get("name", "") for one in (*root.iter(), *robot.robot.iter())]
         tip = free_name(TIP_LINK, names)
         edits.append(_site_edit(content, robot, chain, rigid.arm.chain.tip_in_flange, tip))
-    ends = {"name": ENDS_TEXT, "data": f"{base}:{tip}"}
-    stated = [text for custom in children(root, "custom") for text in children(custom, "text")]
-    ours = next((text for text in stated if text.get("name") == ENDS_TEXT), None)
-    if ours is not None:
-        edits.append(set_attributes(content, ours.start, ends))
+    ends = {"name": robot.ends_name, "data": f"{base}:{tip}"}
+    if robot.ends is not None:
+        edits.append(set_attributes(content, robot.ends.start, ends))
     else:
         edits.append(Edit(root.end, root.end, f"  <custom>{tag_text('text', ends)}</custom>\n".encode()))
     return apply_edits(content, edits)
@@ -120,15 +121,13 @@ def _site_edit(content: bytes, robot: MjcfRobot, chain: UrdfChain, tip_in_flange
     return Edit(line, line, b"%b  %b\n" % (indent, site.encode()))
 
 
-def _body_edit(content: bytes, body: Element, frame: FloatArray) -> Edit:
-    """Give a body another pose; an orientation in another form becomes a quaternion."""
-    tag = start_tag(content, body.start)
-    if "quat" not in body.attrib:
-        tag = _ORIENTATION.sub(b"", tag)
+def _pose_edit(content: bytes, start: int, frame: FloatArray) -> Edit:
+    """Give the body whose tag begins at a byte another pose; an orientation in another form becomes a quaternion."""
+    tag = _ORIENTATION.sub(b"", start_tag(content, start))
     quat = Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True)
     pose = {"pos": spaced(frame[:3, 3] / MM_PER_M), "quat": spaced(quat)}
     edit = set_attributes(tag, 0, pose)
-    return Edit(body.start, body.start + len(start_tag(content, body.start)), edit.replacement)
+    return Edit(start, start + len(start_tag(content, start)), edit.replacement)
 
 
 write = writer("mjcf", _file_of)

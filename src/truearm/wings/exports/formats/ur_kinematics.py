@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import contradict
-from truearm.arm import Arm, read_ur_kinematics
-from truearm.arm.kinematics_yaml import read_kinematics_yaml
+from truearm.arm import Arm, load_arm, read_ur_kinematics
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.ur_kinematics import JOINTS, LINKS, parse_ur_kinematics, ur_hash
 from truearm.arm.urdf_tree import MM_PER_M
@@ -104,7 +103,7 @@ def check_same_robot(model: Compensator, rigid: RigidArm, source: str | Path | N
 
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     """(n, 3) tips [mm] in the base at joints (n, n_joints) [rad]: of the tool in the comment, else the flange."""
-    arm = read_kinematics_yaml(path)
+    arm = load_arm(Path(path))
     if np.shape(joints)[-1:] != (arm.n_joints,):
         raise InputError(f"expected {arm.n_joints} joints, got {np.shape(joints)[-1:]}", file=path)
     stated = _TOOL.search(Path(path).read_text("utf-8"))  # its size is checked
