@@ -67,7 +67,7 @@ def test_every_axis_names_its_unit_unless_it_counts():
         assert figure.caption.endswith("."), name
 
 
-@pytest.mark.parametrize(("readings", "joints"), [(1, 1), (2, 12), (40, 7)])
+@pytest.mark.parametrize(("readings", "joints"), [(1, 1), pytest.param(2, 12, marks=pytest.mark.weekly), (40, 7)])
 def test_few_readings_and_any_number_of_joints_are_drawn(readings, joints):
     drawn = all_figures(readings, joints) if readings < 40 else None
     angles, _, _, lengths = made_up(readings, joints)
