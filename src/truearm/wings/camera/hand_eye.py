@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,17 +17,21 @@ from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.findings import Finding, format_mm, in_order
 from truearm.models.identified_model import require_identified
+from truearm.pages.drawings.page_record import PageRecord
 from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import Record, TextTable, format_fixed, number_of
-from truearm.wings.camera.closed_form import inverse, motion, refined
+from truearm.wings.camera.closed_form import HandEyeAlone, inverse, motion, refined
 from truearm.wings.camera.interpretation import Interpretation, interpret
 from truearm.wings.camera.mounts import Transform, of_alone, of_model
 from truearm.wings.camera.pose_files import Poses, Samples, Unit, read_samples
 from truearm.wings.camera.rotation_forms import checked_form
+
+if TYPE_CHECKING:
+    from truearm.pages.page import Page
 
 SamplesLike: TypeAlias = "npt.ArrayLike | str | Path"
 Inverted = Literal["board", "robot"]
@@ -55,7 +59,7 @@ def hand_eye(
     model: ModelName = "kinematic",
     accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
-) -> HandEyeResult:
+) -> PoseFit:
     """Find where the camera and the board are, with the arm that carries one of them.
 
     With the joints the arm is identified in the same fit (`fit`). With poses of the flange alone it stays as the
@@ -96,7 +100,7 @@ def hand_eye(
 
     Returns
     -------
-    HandEyeResult
+    PoseFit
 
     Raises
     ------
@@ -120,7 +124,6 @@ def hand_eye(
     >>> found.camera.position_mm.round(3).tolist()
     [-100.0, 200.0, 2500.0]
     """
-    forms = [None if form is None else checked_form(form) for form in (robot_rotation, rotation)]
     if not 0 < board_size < np.inf:
         raise InputError(
             f"expected a board size above zero, got {board_size}", hint="true size over stated size: 0.998"
@@ -128,38 +131,27 @@ def hand_eye(
     seen, moved = _sides(samples, robot)
     known_arm, said = None if arm is None else to_arm(arm), list[str]()
     in_hand = _where(seen, moved, eye_in_hand, said)
-    board = _stated(seen.board, forms[1], unit)
-    flange = moved.robot
+    board = _stated(seen.board, rotation, unit)
+    board = board.inverted() if invert == "board" else board
+    flange = None if moved.robot is None else _stated(moved.robot, robot_rotation, robot_unit)
     if flange is not None:
-        flange = _stated(flange, forms[0], robot_unit)
-        if moved.inverts_standing and not in_hand:
-            flange = flange.inverted()
+        flange = flange.inverted() if moved.inverts_standing and not in_hand else flange
         flange = flange.inverted() if invert == "robot" else flange
     if moved.joints is not None:
         flange = _by_joints(moved, flange, known_arm, said)
-    assert board is not None
     assert flange is not None
-    board = board.inverted() if invert == "board" else board
     found = interpret(flange, board, eye_in_hand=in_hand, called=seen.called, board_size=board_size)
-    said += found.sentences
     alone = refined(found.A, found.C, found.start)
-    out = found.rows[~alone.rows]
-    if len(out):
-        listed = ", ".join(map(seen.called, out.tolist()))
-        said.append(f"Ignored, as their positions are gross errors: {number_of(len(out), 'image')} ({listed}).")
-    n_images, fitted, centre = len(seen), None, np.zeros(3)
+    said += _ignored(found, alone, seen.called)
+    fitted, seen_from = None, None
     if moved.joints is None:
-        if (n := int(alone.rows.sum())) < FEWEST_TO_IDENTIFY:
-            said.append(f"Only {n} images: U comes from their scatter, which so few do not show. Take 25 or more.")
-        said.append("Without joints the arm is not identified: its errors are in the uncertainty on average only.")
-        camera, mounted = of_alone(alone, eye_in_hand=in_hand)
+        camera, mounted = _without_arm(alone, in_hand, said)
     else:
         assert known_arm is not None
-        used = found.rows[alone.rows]
-        if len(used) < FEWEST_TO_IDENTIFY and model == "kinematic":
+        seen_from, centre = _session(found, moved.joints[found.rows[alone.rows]], alone.rows, in_hand)
+        if len(seen_from) < FEWEST_TO_IDENTIFY and model == "kinematic":
             model = "nominal"
-            said.append(f"{len(used)} images are too few to identify the arm: {FEWEST_TO_IDENTIFY} or more do.")
-        seen_from, centre = _session(found, moved.joints[used], alone.rows, in_hand)
+            said.append(f"{len(seen_from)} images are too few to identify the arm: {FEWEST_TO_IDENTIFY} or more do.")
         equipped = _equipped(known_arm, alone.Y, alone.X, centre, in_hand)
         fitted = fit(equipped, seen_from, model=model, accept=accept, progress=progress)
         identified = require_identified(fitted.model, "hand-eye needs an identified arm", hint="--model kinematic")
@@ -169,17 +161,37 @@ def hand_eye(
         *(Finding("hand-eye", one) for one in said),
         *(() if fitted is None else fitted.findings),
     )
-    return HandEyeResult(
+    return PoseFit(
         camera=camera,
         board=mounted,
         eye_in_hand=in_hand,
-        n_images=n_images,
+        n_images=len(seen),
         n_used=int(alone.rows.sum()),
         turn_deg=found.turn_deg,
         alone_mm=float(alone.held_out_mm.mean()),
         fitted=fitted,
         findings=in_order(findings),
+        names=tuple(map(seen.called, range(len(seen)))),
+        interpretation=found,
+        alone=alone,
+        readings=seen_from,
+        files=tuple(one.file for one in (seen, moved) if one.file is not None),
     )
+
+
+def _ignored(found: Interpretation, alone: HandEyeAlone, called: Callable[[int], str]) -> Iterator[str]:
+    """What is said of the images."""
+    yield from found.sentences
+    if len(out := found.rows[~alone.rows]):
+        listed = ", ".join(map(called, out.tolist()))
+        yield f"Ignored, as their positions are gross errors: {number_of(len(out), 'image')} ({listed})."
+
+
+def _without_arm(alone: HandEyeAlone, in_hand: bool, said: list[str]) -> tuple[Transform, Transform]:
+    if (n := int(alone.rows.sum())) < FEWEST_TO_IDENTIFY:
+        said.append(f"Only {n} images: U comes from their scatter, which so few do not show. Take 25 or more.")
+    said.append("Without joints the arm is not identified: its errors are in the uncertainty on average only.")
+    return of_alone(alone, eye_in_hand=in_hand)
 
 
 def _sides(samples: SamplesLike, robot: SamplesLike | None) -> tuple[Samples, Samples]:
@@ -230,7 +242,7 @@ def _where(seen: Samples, moved: Samples, stated: bool | None, said: list[str]) 
 
 def _stated(poses: Poses | None, form: str | None, unit: Unit | None) -> Poses:
     assert poses is not None
-    return replace(poses, form=form or poses.form, unit=unit or poses.unit)
+    return replace(poses, form=poses.form if form is None else checked_form(form), unit=unit or poses.unit)
 
 
 def _by_joints(moved: Samples, flange: Poses | None, arm: Arm | None, said: list[str]) -> Poses:
@@ -395,3 +407,34 @@ def _row(one: Transform) -> Sequence[str]:
     position = (format_fixed(x, 2) for x in one.position_mm)
     turned = (format_fixed(angle, 3) for angle in one.rpy_deg)
     return (one.child, one.parent, *position, *turned, f"{one.U_mm:.2g}", f"{one.U_deg:.2g}")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseFit(HandEyeResult, PageRecord):
+    """Where the camera and the board are by poses of the board, image by image; it has a page.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What the images are called.
+    interpretation : Interpretation
+        What the poses mean, and how far robot and camera turn alike.
+    alone : HandEyeAlone
+        Hand-eye on the arm as its controller has it, by the images of the interpretation.
+    readings : Session or None
+        The images that were used as readings of the arm's tip.
+    files : tuple of Path
+        Those that were read.
+    """
+
+    names: tuple[str, ...] = field(kw_only=True)
+    interpretation: Interpretation = field(kw_only=True)
+    alone: HandEyeAlone = field(kw_only=True)
+    readings: Session | None = field(kw_only=True)
+    files: tuple[Path, ...] = field(kw_only=True)
+
+    def page(self) -> Page:
+        """See `PageRecord`."""
+        from truearm.wings.camera.hand_eye_page import hand_eye_page
+
+        return hand_eye_page(self)

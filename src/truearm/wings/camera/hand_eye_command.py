@@ -34,6 +34,7 @@ def hand_eye(
         Path | None, Option(help="Where a model fitted to the readings is saved; replaces one of the same arm.")
     ] = None,
     model: options.ModelOption = "kinematic",
+    page: options.Page = None,
     force: options.Force = False,
     details: Annotated[
         bool, Option("--details", help="Print groups of terms, what is not identifiable, and terms not offered too.")
@@ -50,9 +51,10 @@ def hand_eye(
 
     First robot and camera are compared by how far they turn from image to image: this names images of other poses,
     boards seen half turned and rotations in another order before anything is fitted. Then come the size of the board,
-    a closed form, and a fit of the arm with both mounts.
+    a closed form, and a fit of the arm with both mounts. --page shows the cell, the turns and every image.
     """
     from truearm.arm.catalogue import arm_path
+    from truearm.pages.drawings.page_record import check_page_path
     from truearm.wings.camera.transform_files import write_transforms
 
     if (out is None) != (format is None):
@@ -62,6 +64,7 @@ def hand_eye(
         check_new_output(out, *files, force=force)
     if out_model is not None:
         check_model_output(out_model, None, *files, force=force)
+    check_page_path(page, *files)
     with progress(f"hand-eye of {samples.name}") as report:
         result = verb(samples, robot, arm=arm, model=model, **given, progress=report)
         if out_model is not None:
@@ -72,4 +75,7 @@ def hand_eye(
             result.fitted.save(out_model)
         if out is not None:
             write_transforms(out, result.camera, result.board, format=format, frames=frame_names.split(","))  # type: ignore[arg-type]
-    print_record(result, as_json=as_json, files={"transform": out, "model": out_model}, details=details)
+        if page is not None:
+            result.save_page(page)
+    written = {"transform": out, "model": out_model, "page": page}
+    print_record(result, as_json=as_json, files=written, details=details)

@@ -86,8 +86,8 @@ class Interpretation:
         The images whose turns agree.
     A, C : (n, 4, 4) array
         As in `truearm.wings.camera.closed_form`, translations in mm.
-    turn_deg : float
-        Root mean square difference of the turns of robot and camera.
+    test : TurnTest
+        Of all images.
     start : ClosedForm
     sentences : tuple of str
         What a person must know of it.
@@ -96,9 +96,14 @@ class Interpretation:
     rows: IntArray
     A: FloatArray
     C: FloatArray
-    turn_deg: float
+    test: TurnTest
     start: ClosedForm
     sentences: tuple[str, ...]
+
+    @property
+    def turn_deg(self) -> float:
+        """Root mean square difference of the turns of robot and camera, of the images that agree."""
+        return self.test.rms_deg
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +199,7 @@ def interpret(
     A, C = (one[agree] for one in way.motions(robot_mm, board_mm, eye_in_hand))
     sentences += [*_size(start, remedies), *_view(C)]
     start = closed_form(A, C, sized=False)
-    return Interpretation(np.flatnonzero(agree), A, C, way.test.rms_deg, start, tuple(sentences))
+    return Interpretation(np.flatnonzero(agree), A, C, way.test, start, tuple(sentences))
 
 
 def _positions_mm(poses: Poses, of: str) -> FloatArray:

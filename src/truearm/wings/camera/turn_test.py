@@ -40,11 +40,14 @@ class TurnTest:
     rms_deg : float
         Root mean square difference of their turns.
     tolerance_deg : float
+    off_deg : (n, n) array
+        Difference between the turns of robot and camera from each image to each other one.
     """
 
     agree: BoolArray
     rms_deg: float
     tolerance_deg: float
+    off_deg: FloatArray
 
     @classmethod
     def of(cls, robot: Rotation, camera: Rotation) -> TurnTest:
@@ -61,7 +64,7 @@ class TurnTest:
             kept[worst] = False
             others -= fits[worst]
         among = off[np.ix_(kept, kept)][np.triu_indices(int(kept.sum()), 1)]
-        return cls(kept, float(np.sqrt((among**2).mean())), tolerance)
+        return cls(kept, float(np.sqrt((among**2).mean())), tolerance, off)
 
     @property
     def share(self) -> float:
