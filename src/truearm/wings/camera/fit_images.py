@@ -161,6 +161,7 @@ def _fitted(
     identified = require_identified(result.model, "images need an identified arm", hint="--model kinematic")
     assert result.nominal is not None  # of an identified model there is one
     common = _with_sizes(identified, settled, result.session, lengths)
+    joint = np.block([[identified.fit_.covariance, common.with_arm.T], [common.with_arm, common.covariance]])
     values, images = settled.adjusted.unknowns + common.values, settled.images
     scales, u_scales = images.values(values)[1], images.u_of(common.covariance)[-len(images.boards) :]
     where = {}
@@ -187,7 +188,7 @@ def _fitted(
         unknowns_covariance=common.covariance,
         cameras=cameras,
         boards=boards,
-        test=None if others is None else ImageErrors.of(identified, result.nominal, settled, common, others),
+        test=None if others is None else ImageErrors.of(identified, result.nominal, settled, values, joint, others),
     )
 
 

@@ -11,14 +11,12 @@ from scipy.spatial.transform import Rotation
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.errors import InputError
 from truearm.findings import Finding, format_mm
-from truearm.identification.estimation.common_errors import CommonErrors
-from truearm.identification.references.reading_references import poses_of
-from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.models.identified_model import IdentifiedModel
 from truearm.typing import BoolArray, FloatArray
 from truearm.verbs.record import Record, TextTable, format_fixed, number_of
 from truearm.wings.camera.cell_images import CellImages
 from truearm.wings.camera.cell_poses import CellPoses
+from truearm.wings.camera.closed_form import inverse, motion
 from truearm.wings.camera.images import adjust, first_poses
 
 LEVEL = 0.95
@@ -52,9 +50,27 @@ class ImageErrors(Record):
 
     @classmethod
     def of(
-        cls, model: IdentifiedModel, nominal: IdentifiedModel, fitted: CellPoses, common: CommonErrors, cell: CellImages
+        cls,
+        model: IdentifiedModel,
+        nominal: IdentifiedModel,
+        fitted: CellPoses,
+        unknowns: FloatArray,
+        covariance: FloatArray,
+        cell: CellImages,
     ) -> ImageErrors:
-        """Of the images of a cell, by a model and the poses that it was fitted to.
+        """Of the images of a cell.
+
+        Parameters
+        ----------
+        model, nominal : IdentifiedModel
+            The identified arm, and the nominal one at the same place.
+        fitted : CellPoses
+            What they were fitted to.
+        unknowns : (a,) array
+            Intrinsics and sizes of the boards.
+        covariance : (n + a, n + a) array
+            Of the coefficients of the model and of these.
+        cell : CellImages
 
         Raises
         ------
@@ -65,7 +81,6 @@ class ImageErrors(Record):
         if again := [i for i, row in enumerate(cell.readings.angles[cell.rows]) if row.tobytes() in used]:
             problem = f"the test has {number_of(len(again), 'image')} at joints of the fit: {cell.called(again[0])}"
             raise InputError(problem, hint="images at poses that are not in the fit")
-        unknowns = fitted.adjusted.unknowns + common.values
         kept = cell.images.kept()
         images = replace(cell.images, u_intrinsics=fitted.images.u_intrinsics, u_scale=fitted.images.u_scale)
         start = first_poses(replace(kept, lenses=fitted.images.values(unknowns)[0]))
@@ -76,11 +91,11 @@ class ImageErrors(Record):
             images=images,
             adjusted=adjust(images, *start, unknowns, keep=True),
         ).named()
-        errors, covariance = _errors(model, poses, common)
+        errors, known = _errors(model, poses, covariance)
         alone = _errors(nominal, poses, None)[0]
         limit = model.ellipsoid_factor(LEVEL) ** 2
         inside = [
-            np.einsum("ni,nij,nj->n", errors[:, one], np.linalg.inv(covariance[:, one, one]), errors[:, one]) <= limit
+            np.einsum("ni,nij,nj->n", errors[:, one], np.linalg.inv(known[:, one, one]), errors[:, one]) <= limit
             for one in (slice(0, 3), slice(3, 6))
         ]
         names = tuple(map(cell.called, range(len(cell.rows))))
@@ -145,36 +160,29 @@ class ImageErrors(Record):
         }
 
 
-def _errors(model: IdentifiedModel, poses: CellPoses, common: CommonErrors | None) -> tuple[FloatArray, FloatArray]:
+def _errors(model: IdentifiedModel, poses: CellPoses, joint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
     """Errors (n, 6) of the boards' middles [mm] and orientations [rad], and their covariance (n, 6, 6).
 
     An error of the cameras moves what is seen, and the arm with it: both are uncertain together. The covariance is
     without that of the arm and the cameras where none is given.
     """
-    session = to_first_session_frame(poses.session(), model.session_frames_)
-    seen = poses_of(session)
-    assert seen is not None
-    fit, at = model.fit_, model.at(session.rows(poses.rows))
+    fit, at = model.fit_, model.at(poses.session().rows(poses.rows))
     pose, J = fit.perturbed_chain.pose_by_coefficients(at.state, fit.coefficients)
-    turn = Rotation.from_matrix(pose.R_base_tip @ seen.R_reference_flange.transpose(0, 2, 1)).as_rotvec()
-    errors = np.concatenate([pose.tip_in_base - seen.points, turn], axis=1)
-    covariance = seen.errors.covariance.copy()
-    if common is not None:
-        B = seen.errors.by_common
-        both = np.concatenate([J, -B], axis=2)
-        joint = np.block([[fit.covariance, common.with_arm.T], [common.with_arm, common.covariance]])
+    frames = np.stack([model.session_frames_.get(name, np.eye(4)) for name in poses.standing])
+    predicted, (seen, by_pose) = inverse(frames) @ motion(pose.R_base_tip, pose.tip_in_base), poses.tips()
+    turn = Rotation.from_matrix(predicted[:, :3, :3] @ seen[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
+    errors = np.concatenate([predicted[:, :3, 3] - seen[:, :3, 3], turn], axis=1)
+    covariance = by_pose @ poses.adjusted.covariance @ by_pose.transpose(0, 2, 1)
+    if joint is not None:
+        J = np.concatenate([frames[:, :3, :3].transpose(0, 2, 1) @ part for part in (J[:, :3], J[:, 3:])], axis=1)
+        both = np.concatenate([J, -by_pose @ poses.adjusted.by_unknown], axis=2)
         own = model.covariance_parts(at)[1]
         covariance += both @ joint @ both.transpose(0, 2, 1)
         covariance[:, :3, :3] += own
         covariance[:, 3:, 3:] += np.trace(own, axis1=1, axis2=2)[:, None, None] / 3 / poses.lever_mm**2 * np.eye(3)
-    # From the tip to the middle of the board: of a camera on the flange the board stands, at the origin of its frame.
-    in_hand = poses.in_hand[poses.images.camera]
-    centre = np.stack([poses.T_child_tip[name][:3, 3] for name in poses.carried])
-    tip_in_board = np.where(in_hand[:, None], 0.0, centre)
-    T = poses.tips()[0]
-    R_seen = np.where(in_hand[:, None, None], 0.0, poses.adjusted.R)
-    lever = -(R_seen @ tip_in_board[:, :, None])[:, :, 0] - np.where(in_hand[:, None], T[:, :3, 3], 0.0)
-    frames = [model.session_frames_.get(name, np.eye(4))[:3, :3] for name in poses.standing]
+    # From the tip to the middle of the board, which of a camera on the flange is the origin of the frame.
+    in_hand = poses.in_hand[poses.images.camera][:, None]
+    lever = np.where(in_hand, 0.0, poses.adjusted.t) - seen[:, :3, 3]
     D = np.tile(np.eye(6), (len(lever), 1, 1))
-    D[:, :3, 3:] = -cross_matrix(np.einsum("nij,nj->ni", np.stack(frames), lever))
+    D[:, :3, 3:] = -cross_matrix(lever)
     return np.einsum("nij,nj->ni", D, errors), D @ covariance @ D.transpose(0, 2, 1)
