@@ -26,7 +26,7 @@ from truearm.verbs.outputs import check_output as check_file
 from truearm.verbs.predict import check_table_path
 from truearm.verbs.record import TableRecord, format_fixed, listed
 from truearm.wings.exports.targets import TargetDirection
-from truearm.wings.exports.targets.correction import JOINTS_OF_A_POSE, Correction, Untrained, correct_targets
+from truearm.wings.exports.targets.correction import JOINTS_OF_A_POSE, Correction, Untrained, correct_targets, turns_of
 from truearm.wings.exports.targets.joint_files.joint_file import JointFile
 from truearm.wings.exports.targets.joint_files.reading import read_corrected, read_joint_file
 from truearm.wings.exports.targets.manifest import Frame, Manifest, TargetsManifest, check_joints, read_manifest
@@ -453,7 +453,9 @@ class CorrectedTargets(TableRecord):
         """What a person must know of these targets."""
         yield from accepted_in_fit(self.model.accepted_)
         n_joints = self.model.arm_.n_joints
-        if n_joints < JOINTS_OF_A_POSE:
+        if len(turns_of(self.model.nominal_.chain)) == 1:
+            yield ("A SCARA is corrected in position and turn about its axes; residual_rad is the tilt that remains.")
+        elif n_joints < JOINTS_OF_A_POSE:
             yield (
                 f"An arm of {n_joints} joints is corrected in position only, with the least movement; residual_rad is "
                 "the change of orientation that remains."

@@ -78,7 +78,12 @@ def correct(
         options.refuse_typed(context, (*OF_TABLES, *OF_JOINT_TABLES), "does not apply to a robot program")
         fitted = to_model_of_tip(model, tip)
         chosen = {name: given[name] for name in ("direction", "untrained")}
-        chosen |= {"start": _start_of(start, []), "frames": frames, "diff": diff, "as_json": as_json}
+        chosen |= {
+            "start": _start_of(start, program_command.slides_of(fitted)),
+            "frames": frames,
+            "diff": diff,
+            "as_json": as_json,
+        }
         chosen["subdivide_mm"] = subdivide
         raise typer.Exit(program_command.run(fitted, targets, out, **chosen))
     options.refuse_typed(context, OF_PROGRAMS, "applies to robot programs only")

@@ -8,7 +8,9 @@ from made_up_programs import TOOL, WORK, in_work
 
 import truearm as ta
 from truearm.wings.exports.programs.branches import N_BRANCHES, Screws, inverse_branches, polished
-from truearm.wings.exports.programs.configurations import QUANTITIES, nominal_joints, quantities_of
+from truearm.wings.exports.programs.configurations import QUANTITIES, quantities_of
+from truearm.wings.exports.programs.machines import Machine
+from truearm.wings.exports.programs.nominal_joints import nominal_joints
 from truearm.wings.exports.programs.orientations import angles_of, quaternion_of, rotation_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import Condition, Target
 from truearm.wings.exports.programs.rapid import Rapid
@@ -108,7 +110,7 @@ def test_the_signs_of_all_quantities_choose_one_branch(name):
         )
         for pose, row in zip(in_work(arm.chain, joints), stated, strict=True)
     ]
-    found, reasons = nominal_joints(arm, arm.chain, language, targets)
+    found, reasons = nominal_joints(Machine.of(arm, arm.chain, language), targets, np.zeros(100))
     assert not any(reasons)
     np.testing.assert_allclose(found, joints, atol=1e-7)
 

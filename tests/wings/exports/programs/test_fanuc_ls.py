@@ -146,7 +146,7 @@ BLOCKS = {
     "another tool": (block(1).replace("UT : 3", "UT : 7"), "state [tools.7]"),
     "another frame": (block(1).replace("UF : 1", "UF : 9"), "state [works.9]"),
     "another group": (block(1).replace("GP1:", "GP2:"), "no position of group 1"),
-    "sliding": ("P[1]{\r\n   GP1:\r\n\tUF : 0, UT : 3,\r\n\tJ1=   100.000  mm\r\n};", "not that of an arm of six axes"),
+    "sliding": ("P[1]{\r\n   GP1:\r\n\tUF : 0, UT : 3,\r\n\tJ1=   100.000  mm\r\n};", "not that of this arm"),
 }
 
 

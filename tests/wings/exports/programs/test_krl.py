@@ -235,6 +235,7 @@ SETS = {
 }
 
 
+CARRIED = 'MACHINE_FRAME_DAT[2]={MACH_DEF_INDEX 2,PARENT[] "DKP_400"}\nBASE_DATA[2]={X 10,Y 0,Z 5,A 0,B 0,C 0}\n'
 SETS |= {
     "a component that is overwritten": (
         f"{BOTH}DECL POS P1={CARTESIAN}\nLIN P1\nP1.Z=P1.Z+50\nLIN P1",
@@ -257,9 +258,9 @@ SETS |= {
         "subprograms",
     ),
     "a base of a machine": (
-        f'MACHINE_FRAME_DAT[2]={{MACH_DEF_INDEX 2,PARENT[] "DKP_400"}}\n{BOTH}LIN {CARTESIAN}',
-        "LIN in line 7",
-        "BASE_DATA[2] moves with a machine (MACHINE_FRAME_DAT)",
+        f"{CARRIED}{BOTH}LIN {CARTESIAN}",
+        "LIN in line 8",
+        "BASE_DATA[2] moves with machine 2 (MACHINE_FRAME_DAT): state [positioners.2] in --frames",
     ),
 }
 
@@ -357,3 +358,12 @@ class TestFilesBesideIt:
         dat = f"DEFDAT made\nDECL POS XP1={CARTESIAN.replace('S 2', f'S {status}')}\nENDDAT\n"
         program = self.read(tmp_path, f"{BOTH}LIN {CARTESIAN}", made_dat=dat)
         assert "absolutely accurate" in reasons(program)["LIN in line 6"]
+
+
+@pytest.mark.parametrize(("slides", "position"), [("false", [1000.0, 10.0, 5.0]), ("true", [1010.0, 0.0, 95.0])])
+def test_a_base_that_a_stated_machine_carries_is_that_of_its_axis(slides, position):
+    frames = f"{FRAMES}[positioners.2]\nxyz_mm=[1000,0,0]\naxis=1\nslides={slides}\n"
+    (target,) = read(source(f"{CARRIED}{BOTH}LIN {CARTESIAN.replace('T 35', 'T 35,E1 90.0')}"), frames).targets
+    np.testing.assert_allclose(target.T_base_work[:3, 3], position, atol=1e-9)
+    program = read(source(f"{CARRIED}{BOTH}LIN {CARTESIAN}"), frames)
+    assert "external axis 1 is not stated" in reasons(program)["LIN in line 8"]

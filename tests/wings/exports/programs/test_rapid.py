@@ -172,7 +172,7 @@ LEFT = {
             f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tGrip\\WObj:=wTurn;\nENDPROC"
         ),
         "p1",
-        'moves with the unit "STN1"',
+        "moves with the unit STN1, and has a user frame of its own",
     ),
     "a part that the robot holds": (
         (

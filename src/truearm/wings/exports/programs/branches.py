@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.arm import Chain, Pose
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray, IntArray
 
 N_JOINTS = 6
 N_BRANCHES = 8
@@ -24,6 +24,7 @@ _EXACT_MM = 1e-10
 _REACHED_MM = 1e-6
 _DAMPING = 1e-9
 _ROUNDING = 1e-9
+_TILTED = np.radians(0.05)  # a printed orientation is off by less
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +53,7 @@ class Screws:
         """The axes of a chain, or None where no closed form is known here."""
         if chain.n_joints != N_JOINTS or chain.is_prismatic.any():
             return None
-        frames = [chain.fixed[0]]
-        for fixed in chain.fixed[1:]:
-            frames.append(frames[-1] @ fixed)
-        axes = np.array([T[:3, 2] for T in frames[:-1]])
-        points = np.array([T[:3, 3] for T in frames[:-1]])
+        axes, points, home = _at_home(chain)
         wrist = _meeting(axes[4:6], points[4:6])
         if wrist is None or not _are_parallel(axes[1], axes[2]) or _are_parallel(axes[0], axes[1]):
             return None
@@ -64,7 +61,68 @@ class Screws:
         is_spherical = bool(np.linalg.norm(np.cross(axes[3], to_wrist)) < _MEETING_MM)
         if not is_spherical and not _are_parallel(axes[2], axes[3]):
             return None
-        return cls(axes, points, frames[-1], wrist, is_spherical)
+        return cls(axes, points, home, wrist, is_spherical)
+
+
+@dataclass(frozen=True, eq=False)
+class ParallelAxes:
+    """The axes of a SCARA: of four parallel joints one slides.
+
+    Attributes
+    ----------
+    axes, points : (4, 3) array
+        As those of `Screws`.
+    home : (4, 4) array
+    turning : (3,) int array
+        Joints that turn, from the base on.
+    sliding : int
+    """
+
+    axes: FloatArray
+    points: FloatArray
+    home: FloatArray
+    turning: IntArray
+    sliding: int
+
+    @classmethod
+    def of(cls, chain: Chain) -> ParallelAxes | None:
+        """The axes of a chain, or None of another arm."""
+        slides = np.flatnonzero(chain.is_prismatic)
+        if chain.n_joints != len(slides) + 3 or len(slides) != 1 or chain.coupling is not None:
+            return None
+        axes, points, home = _at_home(chain)
+        if not all(_are_parallel(axes[0], axis) for axis in axes[1:]):
+            return None
+        return cls(axes, points, home, np.flatnonzero(~chain.is_prismatic), int(slides[0]))
+
+    def branches(self, flange: FloatArray) -> FloatArray:
+        """Joints (n, 2, 4) that bring the flange to poses (n, 4, 4); NaN where none do, as of a tilted flange."""
+        a, (i, j, k), h, p = self.axes[0], self.turning, self.axes, self.points
+        E = np.repeat((flange @ np.linalg.inv(self.home))[:, None], 2, axis=1)
+        R, across = E[..., :3, :3], np.eye(3) - np.outer(a, a)
+        q = np.empty((len(E), 2, len(h)))
+        upper, fore = across @ (p[j] - p[i]), across @ (p[k] - p[j])
+        target = (R @ p[k] + E[..., :3, 3] - p[i]) @ across
+        far = (_dot(target, target) - upper @ upper - fore @ fore) / 2
+        with np.errstate(invalid="ignore"):  # what no angle reaches is NaN from here on
+            q[..., j] = _with_component(h[j], np.broadcast_to(fore, target.shape), upper, far, np.array([1.0, -1.0]))
+            q[..., i] = _turning(h[i], upper + _turns(h[j], q[..., j]) @ fore, target)
+            aside = np.cross(a, np.eye(3)[np.abs(a).argmin()])
+            turn = _turning(a, np.broadcast_to(aside, R.shape[:-1]), R @ aside)
+            turn = (turn - q[..., i] * (h[i] @ a) - q[..., j] * (h[j] @ a)) * (h[k] @ a)
+            q[..., k] = np.pi - np.remainder(np.pi - turn, 2 * np.pi)
+        q[..., self.sliding] = (flange[:, None, :3, 3] - self.home[:3, 3]) @ h[self.sliding]
+        q[np.arccos(np.clip(_dot(R @ a, np.broadcast_to(a, R.shape[:-1])), -1, 1)) > _TILTED] = np.nan
+        return q
+
+
+def _at_home(chain: Chain) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Directions and points of the axes, and the flange, in the base at the zeros of the joints."""
+    frames = [chain.fixed[0]]
+    for fixed in chain.fixed[1:]:
+        frames.append(frames[-1] @ fixed)
+    axes = np.array([T[:3, 2] for T in frames[:-1]])
+    return axes, np.array([T[:3, 3] for T in frames[:-1]]), frames[-1]
 
 
 def inverse_branches(chain: Chain, screws: Screws, flange: FloatArray) -> FloatArray:
@@ -114,23 +172,49 @@ def _shoulder(q: FloatArray, screws: Screws, at_home: FloatArray, there: FloatAr
     q[..., 1] = _turning(h[1], bent, target)
 
 
-def polished(chain: Chain, flange: FloatArray, joints: FloatArray) -> FloatArray:
-    """Joints (n, 6) after Newton's steps to flange poses (n, 4, 4); NaN where the flange remains elsewhere."""
-    plain = Chain(chain.fixed, np.zeros(3), coupling=chain.coupling)
-    scale = np.array([1, 1, 1, *[max(chain.reach, 3.0) / 3] * 3])
+def polished(
+    chain: Chain,
+    flange: FloatArray,
+    joints: FloatArray,
+    *,
+    turns: FloatArray | None = None,
+    locked: BoolArray | None = None,
+) -> FloatArray:
+    """Joints after Newton's steps to flange poses.
+
+    Parameters
+    ----------
+    chain : Chain
+    flange : (n, 4, 4) array
+    joints : (n, n_joints) array
+    turns : (k, 3) array, optional
+        Directions about which the orientation counts; all by default.
+    locked : (n_joints,) bool array, optional
+        Joints that stay.
+
+    Returns
+    -------
+    (n, n_joints) array
+        NaN where the flange remains elsewhere.
+    """
+    plain = chain.with_tip(np.zeros(3))
+    turns = np.eye(3) if turns is None else turns
+    which = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros_like(turns), turns]])
+    scale = np.array([1, 1, 1, *[max(chain.reach, 3.0) / 3] * len(turns)])
+    moving = np.ones(chain.n_joints) if locked is None else ~locked
     q = joints.copy()
     rows = np.flatnonzero(np.isfinite(q).all(axis=1))
     for _ in range(_NEWTON_STEPS):
-        missing = _missing(plain.pose(q[rows]), flange[rows]) * scale
+        missing = _missing(plain.pose(q[rows]), flange[rows]) @ which.T * scale
         away = np.abs(missing).max(axis=1) > _EXACT_MM
         rows, missing = rows[away], missing[away]
         if not len(rows):
             break
-        A = plain.pose_jacobians(q[rows])[1] * scale[:, None]
+        A = which @ plain.pose_jacobians(q[rows])[1] * scale[:, None] * moving
         # Damped: at a singular pose a step goes only where the flange can move.
-        gram = np.swapaxes(A, 1, 2) @ A + _DAMPING * np.eye(N_JOINTS)
+        gram = np.swapaxes(A, 1, 2) @ A + _DAMPING * np.eye(len(moving))
         q[rows] += np.linalg.solve(gram, np.einsum("nij,ni->nj", A, missing)[..., None])[..., 0]
-    missing = np.abs(_missing(plain.pose(q[rows]), flange[rows]) * scale).max(axis=1, initial=0.0)
+    missing = np.abs(_missing(plain.pose(q[rows]), flange[rows]) @ which.T * scale).max(axis=1, initial=0.0)
     q[rows[missing > _REACHED_MM]] = np.nan
     return q
 

@@ -28,11 +28,12 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import ModelLike, model_file_fingerprint, to_model_of_tip
 from truearm.verbs.record import Record, TextTable, listed
-from truearm.wings.exports.programs.branches import N_JOINTS, Screws
-from truearm.wings.exports.programs.configurations import QUANTITIES, ROBOT, quantities_of
+from truearm.wings.exports.programs.configurations import QUANTITIES
 from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.languages import LANGUAGES, UNREADABLE, language_of
+from truearm.wings.exports.programs.machines import Machine
+from truearm.wings.exports.programs.nominal_joints import ROBOT
 from truearm.wings.exports.programs.number_texts import (
     direction_of_check_digits,
     new_numbers,
@@ -47,7 +48,7 @@ from truearm.wings.exports.programs.program import (
     inverse,
     with_edits,
 )
-from truearm.wings.exports.programs.solving import Solver, check_joints_of_model, ends_of
+from truearm.wings.exports.programs.solving import Solver, ends_of
 from truearm.wings.exports.programs.subdivision import check_subdivision, divide
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.manifest import MARKER
@@ -88,8 +89,8 @@ def correct_program(
         ``"command"``: what to send, so that the arm goes to the targets. ``"feedback"``: the reverse.
     frames : str or Path, optional
         TOML file of tools and work frames that are not in the program (docs/programs.md).
-    start : (6,) array, optional
-        Joints near Cartesian targets that state no configuration, as the controller counts them [rad].
+    start : (n,) array, optional
+        Joints near Cartesian targets that state no configuration, as the controller counts them [rad, or mm].
     subdivide_mm : float, optional
         Largest distance between two targets of a straight move: further ones are written between them [mm].
     untrained : {"refuse", "accept"}
@@ -119,7 +120,6 @@ def correct_program(
     """
     fitted = to_model_of_tip(model)
     check_has_kinematics(fitted.arm_, "corrected targets need")
-    check_joints_of_model(fitted)
     path = Path(program)
     file = read_limited(path, limit_bytes=MAX_BYTES)
     language = language_of(file)
@@ -127,6 +127,7 @@ def correct_program(
         known = f"a program of {', '.join(one.title for one in LANGUAGES)}"
         hint = UNREADABLE.get(path.suffix.lower(), known)
         raise InputError("the file is a program of no known language", file=path, hint=hint)
+    Machine.of(fitted.arm_, fitted.arm_.chain, language)
     if maker_of(fitted.arm_.title) not in language.title:  # no maker is in every title
         raise InputError(
             f"the program is one of {language.title}, the model that of {fitted.arm_.title}",
@@ -151,10 +152,10 @@ def correct_program(
                 f"the program is corrected already ({direction}): twice would double the correction",
                 hint="correct the program as planned; --direction of the other sense is the reverse",
             )
-        near = None if start is None else _start_of(start)
         if read.controller is not None:
             fitted = with_controller(fitted, read.controller)
-        solver = Solver(fitted, language, read.controller, direction, untrained)
+        solver = Solver(fitted, language, read.controller, direction, untrained, stated.rail)
+        near = None if start is None else _start_of(start, solver.machine.n_axes)
         return _Correction(solver, read, is_first=not before).result(path, file, near, subdivide_mm)
     except InputError as error:
         raise error if error.file is not None else error.in_file(path) from None
@@ -174,10 +175,10 @@ def read_corrected(path: str | Path) -> None:
         raise InputError("it is no program that truearm has corrected", file=path)
 
 
-def _start_of(start: npt.ArrayLike) -> FloatArray:
+def _start_of(start: npt.ArrayLike, n_axes: int) -> FloatArray:
     joints = np.asarray(start, dtype=float)
-    if joints.shape != (N_JOINTS,) or not np.isfinite(joints).all():
-        raise InputError(f"expected {N_JOINTS} start joints, got {start!r:.60}")
+    if joints.shape != (n_axes,) or not np.isfinite(joints).all():
+        raise InputError(f"expected {n_axes} start joints, got {start!r:.60}")
     return joints
 
 
@@ -228,9 +229,7 @@ class _Correction:
             texts = {rows[id(change.target)]: change.numbers for change in changes}
             done = np.isin(np.arange(len(nominal)), list(texts))[:, None]
             before, after = (np.where(done, joints, np.nan) for joints in (nominal, corrected))
-            more, note = divide(
-                solver, program, before, after, texts=texts, quantities_of=self._quantities, spacing_mm=spacing_mm
-            )
+            more, note = divide(solver, program, before, after, texts=texts, spacing_mm=spacing_mm)
             edits += more
             notes.append(note)
         if edits:
@@ -283,10 +282,10 @@ class _Correction:
         self, nominal: FloatArray, corrected: FloatArray, shifts: FloatArray, reasons: Sequence[str]
     ) -> tuple[list[TargetChange], list[LeftAlone]]:
         """What changes, target by target in the order of the program, and what is refused."""
-        language, chain = self.solver.language, self.solver.model.arm_.chain
-        before, after = (language.controller_joints(chain, joints) for joints in (nominal, corrected))
+        language = self.solver.language
+        before, after = (self.solver.machine.axes(joints) for joints in (nominal, corrected))
         poses = self._poses(corrected)
-        stated = [self._quantities(nominal, before), self._quantities(corrected, after)]
+        stated = [self.solver.machine.quantities(joints).tolist() for joints in (nominal, corrected)]
         moved = (np.abs(corrected - nominal).max(axis=1) > _UNCHANGED).tolist()
         changes, refused = [], []
         for row, target in sorted(enumerate(self.program.targets), key=lambda one: (one[1].line, one[0])):
@@ -316,11 +315,6 @@ class _Correction:
         works, tools = np.array(both, dtype=float).reshape(-1, 2, 4, 4).swapaxes(0, 1)
         poses = inverse(works) @ self.solver.flange(joints) @ tools
         return [pose if known else None for pose, known in zip(poses, stated, strict=True)]
-
-    def _quantities(self, joints: FloatArray, counted: FloatArray) -> list[list[float]]:
-        """What configurations are stated by, of every target, in the order of `QUANTITIES`."""
-        screws = Screws.of(self.solver.model.arm_.chain)
-        return [[]] * len(joints) if screws is None else quantities_of(screws, joints, counted).tolist()
 
     def _configuration(self, target: Target, old: Sequence[float], new: Sequence[float]) -> tuple[Edit, ...]:
         """Edits of the configuration, if a joint has crossed a border of it."""

@@ -21,6 +21,7 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.orientations import angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
+    N_AXES,
     Condition,
     Edit,
     Language,
@@ -43,6 +44,8 @@ _GROUP = re.compile(r"\bGP(\d+)\s*:")
 _HEAD = re.compile(r"\s*\S+\s*:\s*(\w+|\*+)\s*,\s*\S+\s*:\s*(\w+|\*+)\s*,?(?:\s*\S+\s*:\s*'([^'\r\n]*)'\s*,?)?")
 _VALUE = re.compile(r"\b([A-Z]+\d*)[ \t]*=([ \t]*(?:[+-]?(?:\d{1,9}\.?\d*|\.\d+)|\*+))[ \t]*(mm|deg)?")
 _CONFIG = re.compile(r"\s*([NF])\s+([UD])\s+([TB])\s*,\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*")
+_CONFIG_OF_SCARA = re.compile(r"\s*(?:[LR]\s*)?,\s*0\s*,\s*0\s*,\s*0\s*")
+_SCARA = 4
 _STATEMENT = re.compile(r"^[ \t]*(\d+):(?:.*\n?(?![ \t]*\d+:))*", re.MULTILINE)
 _MOTION = re.compile(r"[ \t]*\d+:[ \t]*([JLCAS])[ \t]+(?:P|PR)\[")
 _REMARK = re.compile(r"[ \t]*\d+:[ \t]*(?:!|--|//)")
@@ -60,9 +63,13 @@ _KINDS: dict[str, MoveKind] = {"J": "joint", "L": "linear"}
 
 @dataclass(frozen=True, eq=False)
 class _Point(Target):
-    """A position of group 1; `letters` are the places of its configuration's letters and turns."""
+    """A position of group 1; `letters` are the places of its configuration's letters and turns.
+
+    `slides` says which joints of a joint position are in mm.
+    """
 
     letters: tuple[tuple[int, int], ...] = ()
+    slides: tuple[bool, ...] = ()
 
 
 @dataclass
@@ -131,6 +138,7 @@ class FanucListing(Language):
     endings = (".ls",)
     takes_no_targets = "the lines of /MN and the points are numbered"
     decimals = 3  # as the controller writes them
+    n_axes = (6, 4)
 
     def recognises(self, data: bytes) -> bool:
         """See `Language`."""
@@ -174,7 +182,9 @@ class FanucListing(Language):
     def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
         """See `Language`."""
         if target.joints is not None:
-            return {f"j{i}": q for i, q in enumerate(np.degrees(joints).tolist(), 1)}
+            assert isinstance(target, _Point)
+            values = zip(joints.tolist(), np.degrees(joints).tolist(), target.slides, strict=True)
+            return {f"j{i}": mm if slides else deg for i, (mm, deg, slides) in enumerate(values, 1)}
         assert pose is not None  # of a Cartesian target
         old = [target.numbers[name].value for name in _POSE[3:]]
         return dict(zip(_POSE, [*pose[:3, 3].tolist(), *angles_of(pose[:3, :3], old)], strict=True))
@@ -200,11 +210,11 @@ class FanucListing(Language):
 
     def model_joints(self, chain: Chain, joints: FloatArray) -> FloatArray:
         """See `Language`. The pendant counts J3 from the horizontal."""
-        return joints if chain.coupling is not None else 2 * joints - fanuc_joints(joints, chain.fixed)
+        return joints if _is_plain(chain) else 2 * joints - fanuc_joints(joints, chain.fixed)
 
     def controller_joints(self, chain: Chain, joints: FloatArray) -> FloatArray:
         """See `Language`."""
-        return joints if chain.coupling is not None else fanuc_joints(joints, chain.fixed)
+        return joints if _is_plain(chain) else fanuc_joints(joints, chain.fixed)
 
     def number_text(self, number: Number, value: float, decimals: int) -> bytes:
         """See `Language`: right-aligned in the field, the zero before the point as the file has it."""
@@ -218,6 +228,11 @@ class FanucListing(Language):
         if dropped and abs(float(text)) < 1:
             text = text.replace("0.", ".", 1)
         return text.rjust(width).encode("ascii")
+
+
+def _is_plain(chain: Chain) -> bool:
+    """Whether J3 is counted as in the model: by its own coupling, or as that of a SCARA."""
+    return chain.coupling is not None or chain.n_joints != N_AXES
 
 
 @dataclass(frozen=True)
@@ -260,22 +275,32 @@ def _target(text: str, line: int, block: _Block, beside: Surroundings) -> Target
         return "its position has a layout that is not known"
     if names[0][:1] == "r" and len(names[0]) == 2:
         return "a point of a tool that stands in the cell (RTCP)"
-    if names[-1].startswith("e"):
-        return "it has an extended axis in group 1, which may carry the arm"
     numbers = {one[1].lower(): Number(*one.span(2), one[2].encode("ascii")) for one in values}
+    external = tuple(numbers.pop(name) for name in names if name.startswith("e"))
+    if external and (beside.rail is None or beside.rail > len(external)):
+        return "it has an extended axis in group 1, which may carry the arm"
+    names = list(numbers)
+    units = units[: len(names)]
+    chain = beside.chain
+    slides = (False,) * N_AXES if chain is None or chain.n_joints > _SCARA else tuple(chain.is_prismatic.tolist())
     tool = np.eye(4) if head[2] == "0" else beside.frames.tool_of(head[2])
-    if names == [f"j{i}" for i in range(1, 7)] and set(units) == {"deg"}:
-        joints = np.radians([numbers[name].value for name in names])
-        return _Point(block.name, line, numbers, joints=joints, T_flange_tool=tool)
+    if names == [f"j{i}" for i in range(1, len(slides) + 1)] and units == ["mm" if one else "deg" for one in slides]:
+        stated = np.array([numbers[name].value for name in names])
+        joints = np.where(slides, stated, np.radians(stated))
+        return _Point(block.name, line, numbers, joints=joints, T_flange_tool=tool, external=external, slides=slides)
     if tuple(names) != _POSE or units != ["mm"] * 3 + ["deg"] * 3:
-        return f"its position is {', '.join(names).upper()}, not that of an arm of six axes"
+        return f"its position is {', '.join(names).upper()}, not that of this arm"
     config = _CONFIG.fullmatch(head[3] or "")
-    if config is None or config[3] == "B":
+    is_scara = len(slides) == _SCARA and _CONFIG_OF_SCARA.fullmatch(head[3] or "") is not None
+    if not is_scara and (config is None or config[3] == "B" or len(slides) == _SCARA):
         return f"the sense of its configuration '{head[3] or ''}' is not certain"
     work = beside.frames.in_base(np.eye(4)) if head[1] == "0" else beside.frames.work_of(head[1])
     if tool is None or work is None:
         return f"state [{f'tools.{head[2]}' if tool is None else f'works.{head[1]}'}] in --frames"
     x, y, z, *wpr = (numbers[name].value for name in _POSE)
+    pose = transform(rotation_of(wpr), (x, y, z))
+    if config is None:  # of a SCARA: in which sense L and R are the sides of its elbow is not certain
+        return _Point(block.name, line, numbers, pose=pose, T_flange_tool=tool, T_base_work=work)
     conditions = [
         Condition("J5", *((-np.inf, 0.0) if config[1] == "N" else (0.0, np.inf))),
         Condition("elbow", *((0.0, np.inf) if config[2] == "U" else (-np.inf, 0.0))),
@@ -290,9 +315,10 @@ def _target(text: str, line: int, block: _Block, beside: Surroundings) -> Target
         block.name,
         line,
         numbers,
-        pose=transform(rotation_of(wpr), (x, y, z)),
+        pose=pose,
         T_flange_tool=tool,
         T_base_work=work,
         conditions=tuple(conditions),
+        external=external,
         letters=tuple((first + config.start(i), first + config.end(i)) for i in range(1, 7)),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, Self
 
@@ -10,9 +11,11 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from truearm.arm.rigid_motions import screw_z
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, Real
 from truearm.typing import FloatArray
+from truearm.wings.exports.programs.numbers import NOT_THERE, Number
 from truearm.wings.exports.programs.orientations import rotation_of, rotation_of_quaternion
 
 Three = tuple[Real, Real, Real]
@@ -65,6 +68,25 @@ class Frame(Document):
         return motion
 
 
+class Positioner(Frame):
+    """The axis of a unit that carries a work frame: z of this frame in the world, with the unit at zero.
+
+    Attributes
+    ----------
+    axis : int
+        Number of the external axis, from 1.
+    slides : bool
+        Whether it slides along z [mm], or turns about it [deg].
+    """
+
+    axis: Annotated[int, Field(ge=1, le=6)]
+    slides: bool = False
+
+    def at(self, value: float) -> FloatArray:
+        """(4, 4) what the unit carries, in the world."""
+        return np.asarray(self.T @ (screw_z(0.0, value) if self.slides else screw_z(np.radians(value), 0.0)))
+
+
 Frames = Annotated[dict[Name, Frame], Field(max_length=1000)]
 
 
@@ -79,6 +101,10 @@ class FramesFile(Document):
         Work object, base or user frame, in the world frame of the controller.
     base : Frame
         The arm's base in the world frame; the same by default.
+    rail : int
+        External axis that is the rail under the robot, from 1, if the model has one.
+    positioners : dict of str to Positioner
+        Units that carry work frames, by the names (RAPID) or numbers (KRL) that the program has.
     tool, work : str, optional
         Those of targets that name none.
     controller : str, optional
@@ -91,6 +117,8 @@ class FramesFile(Document):
     tools: Frames = Field(default_factory=dict)
     works: Frames = Field(default_factory=dict)
     base: Frame = Frame(xyz_mm=(0.0, 0.0, 0.0))
+    rail: Annotated[int, Field(ge=1, le=6)] = 1
+    positioners: Annotated[dict[Name, Positioner], Field(max_length=100)] = Field(default_factory=dict)
     tool: Name | None = None
     work: Name | None = None
     controller: Name | None = None
@@ -111,6 +139,17 @@ class FramesFile(Document):
         found |= {("tool", name.casefold()): frame.T for name, frame in self.tools.items()}
         found |= {("work", name.casefold()): self.in_base(frame.T) for name, frame in self.works.items()}
         return found
+
+    def carried(self, unit: str, external: Sequence[Number], T: FloatArray) -> FloatArray | str:
+        """A frame that a unit carries, in the arm's base at a target; or what is to be stated."""
+        name = next((one for one in self.positioners if one.casefold() == unit.casefold()), None)
+        if name is None:
+            return f"state [positioners.{unit}] in --frames"
+        positioner = self.positioners[name]
+        value = external[positioner.axis - 1].value if len(external) >= positioner.axis else np.inf
+        if abs(value) > NOT_THERE:
+            return f"external axis {positioner.axis} is not stated"
+        return self.in_base(positioner.at(value) @ T)
 
     def in_base(self, T_world: FloatArray) -> FloatArray:
         """A frame of the world in the arm's base."""

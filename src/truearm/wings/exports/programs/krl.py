@@ -287,7 +287,7 @@ class _File:
             tuple(targets),
             tuple(self.left),
             moves,
-            (*self.notes, *unreached_note(unreached), *external_axes_note(external)),
+            (*self.notes, *unreached_note(unreached), *external_axes_note(external, self.beside.known_axes)),
         )
 
     def _is_reached(self, word: bytes | None) -> bool:
@@ -597,6 +597,11 @@ class _File:
                 return None
             conditions = _conditions(status, turn)
         frames_found = [self._frame(b"TOOL", tool), self._frame(b"BASE", base)]
+        if base in self.machines and (b"BASE", base) in self.frames and (b"BASE", base) not in self.changed:
+            machine, moving = _text(self.machines[base]), self.frames[b"BASE", base]
+            carried = self.beside.frames.carried(machine, value.external, moving)
+            lacking = (None, f"{frames_found[1][1]}: {carried}")
+            frames_found[1] = lacking if isinstance(carried, str) else (carried, "")
         lacks = next((why for frame, why in frames_found if frame is None), None)
         if lacks is not None:
             left(lacks)
@@ -623,7 +628,10 @@ class _File:
             caller = f"{_text(number[1:])}() may set its {what}, and its file is not beside this one"
             return find(None), f"{caller}: state {what if which == b'TOOL' else 'work'} in --frames"
         if which == b"BASE" and number in self.machines:
-            return None, f"BASE_DATA[{_text(number)}] moves with a machine (MACHINE_FRAME_DAT)"
+            return (
+                None,
+                f"BASE_DATA[{_text(number)}] moves with machine {_text(self.machines[number])} (MACHINE_FRAME_DAT)",
+            )
         if (which, number) in self.changed:
             return None, f"{_text(which + b'_DATA[' + (number or b''))}] changes while the program runs"
         motion = np.eye(4) if number == _NULL else self.frames.get((which, number or b""))

@@ -21,28 +21,14 @@ from truearm.arm import Chain
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.frames_file import FramesFile
+from truearm.wings.exports.programs.numbers import NOT_THERE as NOT_THERE
+from truearm.wings.exports.programs.numbers import Number as Number
 
 _NAMED = 5
 _UTF8 = b"\xef\xbb\xbf"
-NOT_THERE = 8.9e9  # 9E9 of RAPID: no such axis
+N_AXES = 6  # of a robot that is no SCARA
 
 MoveKind = Literal["joint", "linear", "circular"]
-
-
-class Number(NamedTuple):
-    """A literal number: its bytes in the program, and its value in the unit of the language."""
-
-    start: int
-    end: int
-    text: bytes
-
-    @property
-    def value(self) -> float:
-        """What the bytes state."""
-        try:
-            return float(self.text)
-        except ValueError:  # a blank behind its sign
-            return float(self.text.translate(None, b" \t"))
 
 
 class Edit(NamedTuple):
@@ -221,6 +207,17 @@ class Surroundings:
     frames: FramesFile = field(default_factory=FramesFile)
     chain: Chain | None = None
 
+    @property
+    def rail(self) -> int | None:
+        """External axis that is the rail under the robot, from 1; None without one."""
+        has_rail = self.chain is not None and self.chain.n_joints > N_AXES and bool(self.chain.is_prismatic[0])
+        return self.frames.rail if has_rail else None
+
+    @property
+    def known_axes(self) -> set[int | None]:
+        """External axes of which it is known what they carry."""
+        return {self.rail, *(one.axis for one in self.frames.positioners.values())}
+
 
 class Language(ABC):
     """A language of robot programs.
@@ -236,6 +233,8 @@ class Language(ABC):
     keeps_comments : bool
         Whether a controller that saves a program keeps the comment which says that it is corrected; where not, the
         last digits of joints say it too.
+    n_axes : tuple of int
+        Of the arms whose targets are understood.
     takes_no_targets : str
         Why no further target can be written into a program; empty where it can.
     """
@@ -244,6 +243,7 @@ class Language(ABC):
     endings: ClassVar[tuple[str, ...]]
     decimals: ClassVar[int] = 9
     keeps_comments: ClassVar[bool] = True
+    n_axes: ClassVar[tuple[int, ...]] = (6,)
     takes_no_targets: ClassVar[str] = ""
 
     @abstractmethod
@@ -360,9 +360,13 @@ def unreached_note(names: Iterable[str]) -> Iterator[str]:
         yield f"No move of this file goes to {shown}: make sure that none is a limit, a tolerance or a difference."
 
 
-def external_axes_note(rows: Iterable[Sequence[float]]) -> Iterator[str]:
-    """Notes on external axes that move or stand away from zero; `rows` have an axis' value, or 9E9, in every column."""
+def external_axes_note(rows: Iterable[Sequence[float]], known: Iterable[int | None]) -> Iterator[str]:
+    """Notes on external axes that move or stand away from zero, but those that are `known`.
+
+    `rows` have an axis' value, or 9E9, in every column.
+    """
     there = [{value for value in axis if abs(value) < NOT_THERE} for axis in zip(*rows, strict=True)]
+    there = [set() if number in known else values for number, values in enumerate(there, 1)]
     moving = [str(number) for number, values in enumerate(there, 1) if len(values) > 1]
     if moving:
         yield (

@@ -11,11 +11,18 @@ from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_output
 from truearm.wings.exports.programs.correct_program import MAX_BYTES, correct_program, read_corrected
 from truearm.wings.exports.programs.languages import UNREADABLE, language_of
+from truearm.wings.exports.programs.program import N_AXES
 
 
 def is_program(path: Path) -> bool:
     """Whether a file is a program: of a known language, or one that cannot be read."""
     return path.suffix.lower() in UNREADABLE or language_of(read_limited(path, limit_bytes=MAX_BYTES)) is not None
+
+
+def slides_of(model: Compensator) -> list[bool]:
+    """Which axes of a program are in mm: without the rail under a robot."""
+    slides: list[bool] = model.arm_.chain.is_prismatic.tolist()
+    return slides[1:] if len(slides) > N_AXES else slides
 
 
 def run(

@@ -197,6 +197,7 @@ class _Module:
         self.follows = False
         self.notes: list[str] = []
         self.external: list[list[float]] = []
+        self.units: dict[bytes, tuple[str, FloatArray]] = {}
         self.resolved: dict[tuple[str, bytes], _Frame] = {}
 
     def program(self) -> Program:
@@ -214,7 +215,7 @@ class _Module:
                 numbers[key] = numbers[found.name.encode("latin-1").lower()] = len(targets)
                 targets.append(target)
         moves = tuple(move._replace(target=numbers.get(goal)) for move, goal in self.moves)
-        self.notes += [*unreached_note(unreached), *external_axes_note(self.external)]
+        self.notes += [*unreached_note(unreached), *external_axes_note(self.external, self.beside.known_axes)]
         return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
 
     def _check_ends(self) -> None:
@@ -568,6 +569,10 @@ class _Module:
         stated = next(iter(used), (b"", b""))
         tool_frame, lacks = self._resolved(self._tool, stated[0])
         work_frame, lacks_work = self._resolved(self._work, stated[1])
+        if stated[1] in self.units:
+            unit, inner = self.units[stated[1]]
+            carried = self.beside.frames.carried(unit, external, inner)
+            work_frame, lacks_work = (None, f"{lacks_work}: {carried}") if isinstance(carried, str) else (carried, "")
         if tool_frame is None or work_frame is None:
             left(lacks if tool_frame is None else lacks_work)
             return None
@@ -629,9 +634,14 @@ class _Module:
         if kind == b"wobjdata" and value is not None and len(value.items) == 5:
             held, fixed, unit, user, target = value.items
             if held == b"FALSE" or (isinstance(held, bytes) and held.lower() == b"false"):
-                if not isinstance(fixed, bytes) or fixed.lower() != b"true":
-                    return None, f"the work object {text} moves with the unit {_text(unit)}"
                 T, inner = _frame(user), _frame(target)
+                if not isinstance(fixed, bytes) or fixed.lower() != b"true":
+                    name_of_unit = _text(unit).strip('"')
+                    lacks = f"the work object {text} moves with the unit {name_of_unit}"
+                    if T is None or inner is None or np.abs(T - np.eye(4)).max():
+                        return None, f"{lacks}, and has a user frame of its own"
+                    self.units[name] = (name_of_unit, inner)
+                    return None, lacks
                 if T is not None and inner is not None:
                     return frames.in_base(T @ inner), ""
             else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from math import inf
 from typing import NamedTuple
@@ -13,14 +14,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
-from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.branches import N_JOINTS, Screws
-from truearm.wings.exports.programs.configurations import QUANTITIES, nominal_joints, quantities_of
+from truearm.wings.exports.programs.configurations import QUANTITIES
+from truearm.wings.exports.programs.machines import Machine
+from truearm.wings.exports.programs.nominal_joints import nominal_joints
 from truearm.wings.exports.programs.orientations import angles_of
-from truearm.wings.exports.programs.program import Condition, Language, Move, MoveKind, Target, transform
+from truearm.wings.exports.programs.program import NOT_THERE, Condition, Language, Move, MoveKind, Target, transform
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.correction import correct_targets
 from truearm.wings.exports.targets.pose_models import with_tool
@@ -54,6 +55,8 @@ class Solver:
         Kinematics of the controller, if they are not those of the drawing.
     direction : {"command", "feedback"}
     untrained : {"refuse", "accept"}
+    rail : int
+        External axis that is the rail under the robot, from 1, if the model has one.
     """
 
     model: Compensator
@@ -61,6 +64,12 @@ class Solver:
     controller: Chain | None
     direction: TargetDirection
     untrained: Untrained
+    rail: int = 1
+
+    @cached_property
+    def machine(self) -> Machine:
+        """The arm as targets move it."""
+        return Machine.of(self.model.arm_, self.chain, self.language)
 
     @property
     def chain(self) -> Chain:
@@ -82,7 +91,7 @@ class Solver:
             for row, target in enumerate(targets)
         ]
         first = [row for row in range(len(targets)) if row not in before]
-        joints, reasons = np.full((len(targets), N_JOINTS), np.nan), [""] * len(targets)
+        joints, reasons = np.full((len(targets), self.model.arm_.n_joints), np.nan), [""] * len(targets)
         self._solve(given, first, joints, reasons)
         if not before:
             return joints, reasons
@@ -95,11 +104,7 @@ class Solver:
 
     def _signs(self, joints: FloatArray) -> list[tuple[Condition, ...]]:
         """The configurations of joints as conditions; empty where they are not known, or near a border."""
-        screws, chain = Screws.of(self.model.arm_.chain), self.model.arm_.chain
-        if screws is None:
-            return [()] * len(joints)
-        counted = self.language.controller_joints(chain, joints)
-        values = quantities_of(screws, chain.joint_angles(joints), counted)
+        values = self.machine.quantities(joints)
         signs: list[tuple[Condition, ...]] = []
         for row in values[:, [QUANTITIES.index(name) for name in _SIGNS]].tolist():
             ranges = [(0.0, inf) if value > 0 else (-inf, 0.0) for value in row]
@@ -110,28 +115,43 @@ class Solver:
     def _unwind(self, joints: FloatArray, reasons: list[str], before: Mapping[int, int]) -> None:
         """Turn the joints of targets on a path into those nearest to the target before; of `before` the first first."""
         low, high = self.model.arm_.limits.T
+        whole = np.where(self.model.arm_.chain.is_prismatic, np.inf, 2 * np.pi)
         last: dict[int, int | None] = {}
         for row, one in before.items():
             near = last[row] = one if not reasons[one] else last.get(one)
             if near is None or reasons[row]:
                 continue
-            joints[row] -= 2 * np.pi * np.round((joints[row] - joints[near]) / (2 * np.pi))
+            turns = np.round((joints[row] - joints[near]) / whole)
+            joints[row] -= np.where(turns, turns * whole, 0.0)
             if ((joints[row] < low - Session.limit_tolerance) | (joints[row] > high + Session.limit_tolerance)).any():
                 reasons[row] = "the straight move to it leads beyond a joint limit"
                 joints[row] = np.nan
 
     def _solve(self, targets: Sequence[Target], rows: Sequence[int], joints: FloatArray, reasons: list[str]) -> None:
         """Write the joints of some targets, and why one has none."""
+        if self.machine.has_rail:
+            for row in rows:
+                if np.isnan(self._rail(targets[row])):
+                    reasons[row] = f"its external axis {self.rail}, the rail under the robot, is not stated"
+            rows = [row for row in rows if not reasons[row]]
         plain = [row for row in rows if targets[row].joints is not None]
         if plain:
             counted = np.array([targets[row].joints for row in plain])
-            joints[plain] = self.language.model_joints(self.model.arm_.chain, counted)
+            joints[plain] = self.machine.joints(counted, self._rails(targets, plain))
         poses = [row for row in rows if targets[row].joints is None]
         if poses:
             some = [targets[row] for row in poses]
-            joints[poses], why = nominal_joints(self.model.arm_, self.chain, self.language, some)
+            joints[poses], why = nominal_joints(self.machine, some, self._rails(targets, poses))
             for row, reason in zip(poses, why, strict=True):
                 reasons[row] = reason
+
+    def _rail(self, target: Target) -> float:
+        """Where the rail is at a target [mm]; NaN if that is not stated."""
+        value = target.external[self.rail - 1].value if len(target.external) >= self.rail else np.nan
+        return value if abs(value) < NOT_THERE else np.nan
+
+    def _rails(self, targets: Sequence[Target], rows: Sequence[int]) -> FloatArray:
+        return np.array([self._rail(targets[row]) if self.machine.has_rail else 0.0 for row in rows])
 
     def corrected(
         self, targets: Sequence[Target], nominal: FloatArray, reasons: list[str]
@@ -140,7 +160,14 @@ class Solver:
         corrected, shifts = np.full_like(nominal, np.nan), np.zeros(len(nominal))
         for rows, equipped in self._by_tool(targets, reasons):
             wanted, direction = Targets.of_joints(nominal[rows]), self.direction
-            found = correct_targets(equipped, wanted, direction=direction, untrained=self.untrained, uncertainty=False)
+            found = correct_targets(
+                equipped,
+                wanted,
+                direction=direction,
+                untrained=self.untrained,
+                uncertainty=False,
+                locked=self.machine.locked,
+            )
             corrected[rows], shifts[rows] = found.joints, found.shift_mm
             for row, reason in zip(rows, found.reasons, strict=True):
                 reasons[row] = reason
@@ -207,7 +234,7 @@ class Solver:
     def between(self, end: Target, joints: FloatArray, tools: FloatArray, share: float) -> Target:
         """A target on the straight line to another one, in the base of the arm; `tools` (2, 4, 4) are its ends."""
         near = joints[0] + share * (joints[1] - joints[0])
-        counted = self.language.controller_joints(self.model.arm_.chain, near[None])[0]
+        counted = self.machine.axes(near)
         pose = _between(tools[0], tools[1], share)
         return replace(end, joints=None, pose=pose, T_base_work=np.eye(4), near=counted, conditions=())
 
@@ -254,21 +281,6 @@ def _roots(before: Mapping[int, int]) -> dict[int, int]:
             at = before[at]
         found |= dict.fromkeys(reversed(path), found.get(at, at))
     return found
-
-
-def check_joints_of_model(model: Compensator) -> None:
-    """Refuse an arm whose programs cannot be corrected.
-
-    Raises
-    ------
-    InputError
-    """
-    chain = model.arm_.chain
-    if chain.n_joints != N_JOINTS or chain.is_prismatic.any():
-        raise InputError(
-            f"programs are corrected for arms of {N_JOINTS} turning joints, and {model.arm_.name!r} is none",
-            hint="a table of joint targets",
-        )
 
 
 def _between(T: FloatArray, T_end: FloatArray, share: float) -> FloatArray:

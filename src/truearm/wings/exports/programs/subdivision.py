@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from math import ceil
@@ -57,7 +57,6 @@ def divide(
     corrected: FloatArray,
     *,
     texts: Mapping[int, Mapping[str, bytes]],
-    quantities_of: Callable[[FloatArray, FloatArray], list[list[float]]],
     spacing_mm: float,
 ) -> tuple[list[Edit], str]:
     """Moves to further targets, as edits, and a note on how far the tip is off with them.
@@ -70,8 +69,6 @@ def divide(
         Joints of the program's targets; NaN where one is not corrected.
     texts : mapping of int to mapping
         New texts of the numbers of corrected targets.
-    quantities_of : callable
-        Those of configurations, of joints and of joints as the controller counts them.
     spacing_mm : float
     """
     language = solver.language
@@ -87,8 +84,8 @@ def divide(
         return [], f"No move has a target added ({spacing_mm:g} mm).{note}"
     joints, reasons = solver.nominal(between, None)
     new, _ = solver.corrected(between, joints, reasons)
-    axes, flanges = language.controller_joints(solver.model.arm_.chain, new), solver.flange(new)
-    quantities = quantities_of(new, axes)
+    axes, flanges = solver.machine.axes(new), solver.flange(new)
+    quantities = solver.machine.quantities(new).tolist()
     edits, paths, n_added, first = [], {one: [one] for one in ends_of(program.moves)}, 0, 0
     for ends, move, some in divided:
         rows, first = range(first, first + len(some)), first + len(some)

@@ -34,11 +34,11 @@ from truearm.wings.exports.targets.inverse import (
     turn_between,
 )
 from truearm.wings.exports.targets.manifest import Frame, check_joints
+from truearm.wings.exports.targets.pose_models import JOINTS_OF_A_POSE as JOINTS_OF_A_POSE
 from truearm.wings.exports.targets.pose_models import PoseModel, nominal_poses, poses_of, reference_from_base
+from truearm.wings.exports.targets.pose_models import turns_of as turns_of
 from truearm.wings.exports.targets.targets import Targets
 
-# Joints of fewer are too few for a position and an orientation.
-JOINTS_OF_A_POSE = 6
 # A correction, apart from joint offsets, is some mrad; more [rad] is a pose near a singular one, or a mistake.
 MAX_CORRECTION = 0.1
 # Arms of fewer than six joints keep a few mrad of their own errors in the orientation; more [rad] they cannot reach.
@@ -117,6 +117,7 @@ def correct_targets(
     frame: Frame = "reference",
     untrained: Untrained = "refuse",
     uncertainty: bool = True,
+    locked: BoolArray | None = None,
 ) -> Correction:
     """Correct targets by a fitted model.
 
@@ -133,6 +134,8 @@ def correct_targets(
         What to do with targets outside the trained range.
     uncertainty : bool
         Whether to compute covariances of the tip, which takes most of the time.
+    locked : (n_joints,) bool array, optional
+        Joints that stay where they are, as a rail that the program moves.
 
     Raises
     ------
@@ -149,7 +152,10 @@ def correct_targets(
             file=targets.file,
             hint="give the angles that the encoders read, or use the direction command",
         )
-    solve = _feedback if direction == "feedback" else partial(_command, frame=frame)
+    locked = locked if locked is not None and locked.any() else None
+    solve = (
+        partial(_feedback, locked=locked) if direction == "feedback" else partial(_command, frame=frame, locked=locked)
+    )
     solved = solve(model, targets)
     return _judged(model, targets, solved, direction=direction, untrained=untrained, uncertainty=uncertainty)
 
@@ -158,10 +164,10 @@ def task_of(model: Compensator, poses: PoseModel, target: Pose) -> PoseTask:
     """The task to reach poses with a model, or its nominal arm."""
     chain = model.arm_.chain
     reach = max(chain.reach, model.nominal_.chain.reach, 3.0)
-    return PoseTask(poses, target, chain.is_prismatic, reach / 3, chain.n_joints >= JOINTS_OF_A_POSE)
+    return PoseTask(poses, target, chain.is_prismatic, reach / 3, turns_of(model.nominal_.chain))
 
 
-def _command(model: Compensator, targets: Targets, *, frame: Frame) -> _Solved:
+def _command(model: Compensator, targets: Targets, *, frame: Frame, locked: BoolArray | None = None) -> _Solved:
     nominal, every = nominal_poses(model), np.arange(len(targets))
     target, before = nominal.pose(targets.joints, every), targets.joints
     another = np.zeros(len(targets), dtype=bool)
@@ -169,12 +175,12 @@ def _command(model: Compensator, targets: Targets, *, frame: Frame) -> _Solved:
         at_start, target = target, _in_reference(model, targets, target, frame)
         task = task_of(model, nominal, target)
         if targets.rotations is not None:  # with fewer than six joints the nearest in the sense of least squares
-            task = replace(task, with_orientation=True)
+            task = replace(task, turns=np.eye(3))
         before, another = _nominal_joints(task, targets.joints, at_start)
     poses = poses_of(model, targets.session(before))
-    task = _holding(task_of(model, poses, target), before)
+    task = _holding(task_of(model, poses, target), before, locked)
     found = solve_poses(task, before, max_steps=CORRECTION_STEPS)
-    if task.hold is not None:
+    if task.hold is not None and locked is None:
         found = _within_limits(model, task, found)
     return _Solved(found, target, found.angles, before, another)
 
@@ -199,11 +205,11 @@ def _turns_kept(task: PoseTask, start: FloatArray, joints: FloatArray) -> FloatA
     return joints - np.where(task.prismatic, 0.0, turns)
 
 
-def _feedback(model: Compensator, targets: Targets) -> _Solved:
+def _feedback(model: Compensator, targets: Targets, *, locked: BoolArray | None = None) -> _Solved:
     encoder, every = targets.joints, np.arange(len(targets))
     poses = poses_of(model, targets.session(encoder))
     target = poses.pose(encoder, every)
-    task = _holding(task_of(model, nominal_poses(model), target), encoder)
+    task = _holding(task_of(model, nominal_poses(model), target), encoder, locked)
     if task.hold is not None:
         task = replace(task, free=freedom(scaled_jacobian(replace(task, model=poses), encoder)))
     found = solve_poses(task, encoder, max_steps=CORRECTION_STEPS)
@@ -230,10 +236,10 @@ def _within_limits(model: Compensator, task: PoseTask, found: InverseKinematicsR
     return found.replaced(rows[good], again.rows(good))
 
 
-def _holding(task: PoseTask, joints: FloatArray) -> PoseTask:
-    """The task, holding joints if the poses leave them freedom."""
-    width = 6 if task.with_orientation else 3
-    return replace(task, hold=joints) if joints.shape[1] > width else task
+def _holding(task: PoseTask, joints: FloatArray, locked: BoolArray | None) -> PoseTask:
+    """The task, holding joints if the poses leave them freedom, and those that must not move."""
+    held = replace(task, hold=joints) if joints.shape[1] > task.width else task
+    return held if locked is None else replace(held, locked=np.broadcast_to(locked, joints.shape))
 
 
 def _in_reference(model: Compensator, targets: Targets, at_start: Pose, frame: Frame) -> Pose:

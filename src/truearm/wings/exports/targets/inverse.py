@@ -104,8 +104,8 @@ class PoseTask:
     prismatic : (n_joints,) bool array
     scale : float
         Length at which an angle counts as a length [mm]: a third of the reach, the usual lever of a joint.
-    with_orientation : bool
-        Whether the orientation counts; it cannot on arms of fewer than six joints.
+    turns : (k, 3) array
+        Directions about which the orientation counts: all, none, or those about which an arm of fewer joints turns.
     hold : (n, n_joints) array, optional
         Joints to stay near, as far as the pose leaves freedom [rad, or mm]; by default every step is the shortest.
     free : (n, n_joints, n_joints) array, optional
@@ -120,7 +120,7 @@ class PoseTask:
     target: Pose
     prismatic: BoolArray
     scale: float
-    with_orientation: bool
+    turns: FloatArray
     hold: FloatArray | None = None
     free: FloatArray | None = None
     locked: BoolArray | None = None
@@ -143,7 +143,7 @@ class PoseTask:
         )
 
     def linearise(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what is missing [mm], (n, 3 or 6 + n_joints), and its derivative by the scaled joints."""
+        """Return what is missing [mm], (n, width + n_joints), and its derivative by the scaled joints."""
         rows = np.arange(len(joints)) if self.which is None else self.which
         pose, by_joint = self.model.linearise(joints, rows)
         missing, J = self._missing(pose), self._scaled(by_joint)
@@ -173,8 +173,7 @@ class PoseTask:
 
     def has_converged(self, missing: FloatArray) -> BoolArray:
         """(n,) whether all that is missing is rounding."""
-        turn = missing[:, 3:6] if self.with_orientation else missing[:, :0]
-        held = missing[:, self._width :]
+        turn, held = missing[:, 3 : self.width], missing[:, self.width :]
         return np.asarray(
             (np.linalg.norm(missing[:, :3], axis=1) <= TOLERANCE_MM)
             & (np.linalg.norm(turn, axis=1) <= TOLERANCE_RAD * self.scale)
@@ -185,27 +184,28 @@ class PoseTask:
         self, joints: FloatArray, missing: FloatArray, J: FloatArray, steps: IntArray
     ) -> InverseKinematicsResult:
         """What was found, in words of poses; the errors are those before the last step."""
-        width = self._width
+        width = self.width
         distance = np.linalg.norm(missing[:, :3], axis=1)
         angle = np.linalg.norm(missing[:, 3:width], axis=1) / self.scale
         reached = (distance <= TOLERANCE_MM) & (angle <= TOLERANCE_RAD)
         return InverseKinematicsResult(joints, np.asarray(reached), distance, angle, steps, J[:, :width])
 
     @property
-    def _width(self) -> int:
-        return 6 if self.with_orientation else 3
+    def width(self) -> int:
+        """Number of equations of a pose."""
+        return 3 + len(self.turns)
 
     def _missing(self, pose: Pose) -> FloatArray:
         shift = self.target.tip_in_base - pose.tip_in_base
-        if not self.with_orientation:
+        if not len(self.turns):
             return shift
-        turn = turn_between(pose.R_base_tip, self.target.R_base_tip)
+        turn = turn_between(pose.R_base_tip, self.target.R_base_tip) @ self.turns.T
         return np.concatenate([shift, self.scale * turn], axis=1)
 
     def _scaled(self, by_joint: FloatArray) -> FloatArray:
-        J = by_joint[:, : self._width] / self.unit
+        J = np.concatenate([by_joint[:, :3], self.turns @ by_joint[:, 3:]], axis=1) / self.unit
         J[:, 3:] *= self.scale
-        return J
+        return np.asarray(J)
 
 
 def solve_poses(task: PoseTask, start: FloatArray, *, max_steps: int = MAX_STEPS) -> InverseKinematicsResult:
@@ -224,7 +224,7 @@ def solve_poses(task: PoseTask, start: FloatArray, *, max_steps: int = MAX_STEPS
 
 
 def scaled_jacobian(task: PoseTask, joints: FloatArray) -> FloatArray:
-    """(n, 3 or 6, n_joints) derivatives of a task's poses by the joints, scaled as in `InverseKinematicsResult`."""
+    """(n, width, n_joints) derivatives of a task's poses by the joints, scaled as in `InverseKinematicsResult`."""
     return replace(task, hold=None).linearise(joints)[1]
 
 

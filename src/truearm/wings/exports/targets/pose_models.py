@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import Protocol
 
 import numpy as np
@@ -16,11 +17,16 @@ from scipy.spatial.transform import Rotation
 from truearm.arm import Chain, Pose
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.terms import ArmState
+from truearm.identification.terms import ArmState, Term
 from truearm.models import Compensator
 from truearm.models.identified_model import require_identified, to_identified
 from truearm.readings import Session
 from truearm.typing import FloatArray, IntArray
+
+# Joints of fewer are too few for a position and an orientation.
+JOINTS_OF_A_POSE = 6
+_SCARA = 4  # joints, one of which slides
+_PARALLEL = 1e-3  # axes of an identified arm, too [rad]
 
 
 class PoseModel(Protocol):
@@ -116,6 +122,19 @@ def reference_from_base(model: Compensator) -> FloatArray:
     return np.asarray(model.nominal_.chain.fixed[0] @ np.linalg.inv(in_base))
 
 
+def turns_of(chain: Chain) -> FloatArray:
+    """(k, 3) directions in the base about which an arm turns its flange wherever it is.
+
+    All of an arm of six joints or more; of one of fewer the common direction of its axes (a SCARA), or none.
+    """
+    if chain.n_joints >= JOINTS_OF_A_POSE:
+        return np.eye(3)
+    axes = np.array([T[:3, 2] for T in accumulate(chain.fixed[:-1], np.matmul)])
+    are_parallel = np.linalg.norm(np.cross(axes[0], axes), axis=1).max() < _PARALLEL
+    is_scara = are_parallel and chain.is_prismatic.sum() == 1 and chain.n_joints == _SCARA
+    return axes[:1] if is_scara else axes[:0]
+
+
 def with_tool(model: Compensator, tool: FloatArray) -> Compensator:
     """A fitted model with another tool in place of the tip that it was trained with.
 
@@ -151,8 +170,25 @@ def with_tool(model: Compensator, tool: FloatArray) -> Compensator:
 
 
 def _without_tip(fit: IdentificationResult, tip_in_flange: FloatArray, motions: FloatArray) -> IdentificationResult:
-    """An identified chain without the terms of its tip, and with a tool."""
+    """An identified chain without the terms of its tip, and with a tool.
+
+    Along the axes of a SCARA the readings determine the sum of the heights of base and tip: the base takes that of the
+    tip over.
+    """
     tip_place = fit.perturbed_chain.chain.n_places - 1
-    kept = fit.select(lambda term: term.place != tip_place and term.group != "equivalent to a free tip")
-    chain = kept.perturbed_chain.chain.with_tip(tip_in_flange).with_motions(motions)
+
+    def is_kept(term: Term) -> bool:
+        return term.place != tip_place and term.group != "equivalent to a free tip"
+
+    kept, drawn = fit.select(is_kept), fit.perturbed_chain.chain
+    chain = drawn.with_tip(tip_in_flange).with_motions(motions)
+    if len(axis := turns_of(drawn)) == 1:
+        frames = [np.eye(4), *accumulate(drawn.fixed, np.matmul)]  # of the places but the base, after their joints
+        dropped = fit.select(lambda term: not is_kept(term))
+        terms = dropped.perturbed_chain.terms
+        along = [axis[0] @ frames[term.place][:3, :3] @ term.direction[3:] for term in terms]
+        shift = np.repeat(along, [term.n_coefficients for term in terms]) @ dropped.coefficients
+        lifted = np.eye(4)
+        lifted[:3, 3] = shift * axis[0]
+        chain = chain.with_reference_frame(lifted)
     return replace(kept, perturbed_chain=PerturbedChain(chain, kept.perturbed_chain.terms))
