@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.held_out import split, three_figures
 from benchmarks.rows import ROOT, RowResult, Rows, Target, scratch, times_of_each
 from truearm.arm import load_arm
-from truearm.arm.ur_kinematics import ur_hash
+from truearm.arm.kinematics_yaml import ur_hash
 from truearm.models import KinematicModel, PhysicalModel, load_model
 from truearm.models.compensator import Compensator
 from truearm.readings import Session

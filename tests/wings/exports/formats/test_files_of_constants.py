@@ -13,7 +13,7 @@ from refusals import refuses
 from truearm.arm import chain_from_dh
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.arm.ur_kinematics import JOINTS, read_ur_kinematics, ur_hash
+from truearm.arm.kinematics_yaml import JOINTS, read_ur_kinematics, ur_hash
 from truearm.errors import InputError
 from truearm.identification.references.alignment import align
 from truearm.wings.exports.export import check_export, export

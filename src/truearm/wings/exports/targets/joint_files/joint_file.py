@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.arm.ur_kinematics import JOINTS
+from truearm.arm.kinematics_yaml import JOINTS
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.targets import TargetDirection
