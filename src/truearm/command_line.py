@@ -74,6 +74,8 @@ OTHER_NAMES = {
     "--test": "--test-session",
     "--tip": "--column tip=NAME",
     "arms --page": "--page expects the page to write. Try: truearm arms NAME --page arm.html",
+    "import --images": "images are read by another command. "
+    "Try: truearm corners JOINTS.csv FOLDER --board charuco:8x11,15mm,11mm --out pixels.csv",
     "import --points": "--point",
     "simulate --reference": "a reference instrument measures unless --no-reference is given. Try: omit --reference",
     "verify sheet --page": "--page is the page to write now, and --out the points to measure. "

@@ -104,6 +104,7 @@ def test_what_an_option_was_called_is_answered_with_what_it_is_called(truearm):
     [
         (["arms", "ur10", "--page"], "arms --page"),
         (["fetch", "--list"], "fetch --list"),
+        (["import", "joints.csv", "--images", "pictures"], "import --images"),
         (["simulate", "ur10", "--out", "x.csv", "--reference"], "simulate --reference"),
         (["verify", "sheet", "iso10360-12", "--out", "x.html"], "verify sheet --page"),
     ],

@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
+import truearm as ta
 from truearm.readings import read_session
+from truearm.wings.importing.foreign import JointScale
 
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 MOTOR = {"drive_mode": 0, "homing_offset": 0, "range_min": 1000, "range_max": 3000}
@@ -40,10 +42,16 @@ def test_an_so100_has_its_own_zeros(truearm, folder):
     np.testing.assert_allclose(found, [-10, 83.1324, -90, 17.2958, 5], atol=1e-4)
 
 
+def test_in_python_too(folder):
+    session = ta.import_table(folder / "percent.csv", scale=JointScale("percent"), motors=str(folder / "cal.json"))
+    np.testing.assert_allclose(session.angles, np.radians([[100, -200, 0, 500, 50]]) * 360 / 4095, atol=1e-12)
+    assert session.points.tolist() == [[1, 2, 3]]
+
+
 def test_what_is_not_stated_is_asked_for(refused, folder):
     command = ["import", folder / "percent.csv", "--motors", folder / "cal.json", "--out", folder / "out.csv"]
     refused(command, "do not say their unit")
-    refused([*command, "--angle-unit", "deg", "--zero", "1"], "--zero does not apply to --motors")
+    refused([*command, "--angle-unit", "deg", "--zero", "1"], "states counts, signs and zeros")
     (folder / "other.csv").write_text("a,b\n1,2\n")
     command[1] = folder / "other.csv"
     refused([*command, "--angle-unit", "deg"], "expected columns of shoulder_pan")

@@ -54,7 +54,6 @@ def import_table(
         str, Option(help="Columns of the joints, base to tip: names or numbers (1-6). Without it, all are recognised.")
     ] = "",
     angle_unit: options.AngleUnit = None,
-    motors: options.MotorsFile = None,
     counts_per_turn: Annotated[str, Option(help=f"Counts of an encoder in a full turn: {_ONE_EACH}.")] = "",
     sign: Annotated[str, Option(help="+ or - for each joint, as +,-,+; all + by default.")] = "",
     zero: Annotated[str, Option(help="Each joint's value where its angle is zero, in the table's unit; 0.")] = "",
@@ -119,11 +118,8 @@ def import_table(
 
     from truearm.readings import check_session_path
     from truearm.wings.importing.foreign import JointScale
-    from truearm.wings.importing.foreign.lerobot_recordings import lerobot_meaning
     from truearm.wings.importing.foreign.tables import as_tables, read_foreign_tables
 
-    if motors:
-        options.refuse_typed(context, ("counts_per_turn", "sign", "zero"), "does not apply to --motors")
     sources = [table] if points_from is None else [table, points_from]
     if out is not None and not preview:
         check_session_path(out)
@@ -136,11 +132,7 @@ def import_table(
     )
     columns = _columns(column or [], *map(_listed, (angles, points, point_std, orientation)))
     with progress(f"importing {table.name}"):
-        tables = as_tables(sources, form, part or ())
-        if motors:
-            columns, scale, said = lerobot_meaning(tables[0], columns, angle_unit or "", motors)
-            tables[0] = replace(tables[0], assumed=(*tables[0].assumed, said))
-        found = read_foreign_tables(tables, columns, scale, **given)
+        found = read_foreign_tables(as_tables(sources, form, part or ()), columns, scale, **given)
         if couple:
             found = _coupled(found, couple)
         if out is not None and not preview:

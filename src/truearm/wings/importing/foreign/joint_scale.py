@@ -13,6 +13,7 @@ from truearm.files.delimited import quoted_cell
 from truearm.typing import FloatArray
 
 JointUnit = Literal["deg", "rad", "gon", "counts", "mm", "m"]
+StatedUnit = JointUnit | Literal["percent"]  # of a range, with the calibration of motors
 _T = TypeVar("_T")
 
 _FACTORS = {"deg": np.pi / 180, "rad": 1.0, "gon": np.pi / 200, "mm": 1.0, "m": 1000.0, "counts": 2 * np.pi}
@@ -30,7 +31,8 @@ class JointScale:
     ----------
     unit : str or sequence of str, optional
         ``deg``, ``rad``, ``gon``, ``counts`` of an encoder, or ``mm`` or ``m`` for a sliding joint; one for all joints
-        or one each. By default what the table states or its numbers leave no doubt of.
+        or one each; ``percent`` of LeRobot with its calibration. By default what the table states or its numbers leave
+        no doubt of.
     counts_per_turn : float or sequence, optional
         For ``counts``: how many make a full turn; one for all joints or one each.
     sign : sequence of {1, -1}, optional
@@ -39,7 +41,7 @@ class JointScale:
         The table's value where the angle is zero, in the table's unit, one a joint; all 0 by default.
     """
 
-    unit: JointUnit | Sequence[JointUnit] | None = None
+    unit: StatedUnit | Sequence[StatedUnit] | None = None
     counts_per_turn: float | Sequence[float] | None = None
     sign: Sequence[float] | None = None
     zero: Sequence[float] | None = None
@@ -57,7 +59,8 @@ class JointScale:
         units = [self.unit] if isinstance(self.unit, str) else list(self.unit)
         if bad := [u for u in units if u not in get_args(JointUnit)]:
             raise InputError(
-                f"unknown unit of angles {quoted_cell(bad[0])}", hint=f"one of {', '.join(get_args(JointUnit))}"
+                f"unknown unit of angles {quoted_cell(bad[0])}",
+                hint=f"one of {', '.join(get_args(JointUnit))}; percent with --motors",
             )
         return [str(u) for u in _for_each(units, n_joints, "angle unit")]
 

@@ -30,6 +30,7 @@ from truearm.wings.importing.foreign.column_units import (
 )
 from truearm.wings.importing.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
 from truearm.wings.importing.foreign.joint_scale import JointScale
+from truearm.wings.importing.foreign.lerobot_recordings import lerobot_meaning
 from truearm.wings.importing.foreign.no_readings import (
     far_turned,
     is_status,
@@ -85,6 +86,7 @@ def import_table(
     columns: TableColumns | None = None,
     scale: JointScale | None = None,
     *,
+    motors: str | None = None,
     points_from: str | Path | Table | pd.DataFrame | None = None,
     by: str = "row",
     time_offset_s: float | None = None,
@@ -117,6 +119,8 @@ def import_table(
         Which column holds what. Those not stated are recognised by their names.
     scale : JointScale, optional
         How its joint values become angles.
+    motors : str, optional
+        LeRobot's calibration file, also ``so100:FILE``, of a recording in the unit of `scale`: deg, counts or percent.
     points_from : path or pandas.DataFrame, optional
         A second table, which holds the points.
     by : str
@@ -178,6 +182,7 @@ def import_table(
         tables,
         columns or TableColumns(),
         scale or JointScale(),
+        motors=motors,
         by=by,
         time_offset_s=time_offset_s,
         standstill_s=standstill_s,
@@ -234,6 +239,7 @@ def read_foreign_tables(
     columns: TableColumns,
     scale: JointScale,
     *,
+    motors: str | None = None,
     by: str = "row",
     time_offset_s: float | None = None,
     standstill_s: float = STANDSTILL_S,
@@ -248,7 +254,9 @@ def read_foreign_tables(
         As `import_table`.
     """
     first, *more = tables
-    known, *of_more = (recognise_program_columns(one.names, one.units, columns, one.columns) for one in tables)
+    if motors:
+        first, columns, scale = lerobot_meaning(first, columns, scale, motors)
+    known, *of_more = (recognise_program_columns(one.names, one.units, columns, one.columns) for one in (first, *more))
     if not more:
         return interpret_table(first, columns, scale, known=known, **meaning)
     points, tip = more[0], of_more[0]
