@@ -165,7 +165,7 @@ def test_regions_of_hand_eye_alone_hold_the_truth(eye_in_hand):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("eye_in_hand", [False, True])
+@pytest.mark.parametrize("eye_in_hand", [False, pytest.param(True, marks=pytest.mark.weekly)])
 def test_regions_with_the_arm_identified_hold_the_truth(eye_in_hand):
     """The short form of `python -m benchmarks handeye cells`: of 24 poses fewer than 20 have a probability of 0.7 %."""
     within = 0
@@ -178,8 +178,14 @@ def test_regions_with_the_arm_identified_hold_the_truth(eye_in_hand):
     assert within >= 20
 
 
-@pytest.mark.parametrize("name", ["panda", "ur10", "irb120", "so101"])
-@pytest.mark.parametrize("eye_in_hand", [False, True])
+@pytest.mark.parametrize(
+    ("name", "eye_in_hand"),
+    [
+        *(("panda", False), ("so101", True)),
+        *(pytest.param(name, False, marks=pytest.mark.weekly) for name in ("ur10", "irb120", "so101")),
+        *(pytest.param(name, True, marks=pytest.mark.weekly) for name in ("panda", "ur10", "irb120")),
+    ],
+)
 def test_mounts_are_found_on_arms_of_five_to_seven_axes(name, eye_in_hand):
     """Without noise, from joints: to a thousandth of a millimetre, the prior of the arm's constants."""
     rng, arm = np.random.default_rng(2), ta.load_arm(name)

@@ -86,7 +86,7 @@ class ImageSimulation(Record):
             made.mkdir()
             for i, (name, T) in enumerate(zip(self.image_names(), self._board_poses(), strict=True)):
                 image = renderer.image(T, seed=self.seed + 1_000_003 * i, scale=self.cell.scale)
-                Image.fromarray(image).save(made / name)
+                Image.fromarray(image).save(made / name, compress_level=1)  # noise hardly compresses
                 if progress is not None:
                     progress(i + 1, name)
             with atomic_file(path) as table:

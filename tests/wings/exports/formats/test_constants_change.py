@@ -212,8 +212,9 @@ def test_both_rigid_arms_are_of_the_same_poses(monkeypatch, old, new):
     assert np.array_equal(*seen)
 
 
-def test_an_unchanged_arm_alarms_in_few_cases():
-    """4 pairs at 5 %: more than 2 alarms have a probability of 0.05 %."""
-    found = [constants_change(model_of(OLD, 100 + pair), model_of(OLD, 200 + pair)) for pair in range(4)]
-    assert sum(any(one.is_changed for one in each.constants) for each in found) <= 2
-    assert sum(each.displacement.is_significant for each in found) <= 2
+@pytest.mark.parametrize(("pairs", "most"), [(2, 1), pytest.param(4, 2, marks=pytest.mark.weekly)])
+def test_an_unchanged_arm_alarms_in_few_cases(pairs, most):
+    """At 5 %: more than 1 alarm of 2 pairs has a probability of 0.25 %, more than 2 of 4 of 0.05 %."""
+    found = [constants_change(model_of(OLD, 100 + pair), model_of(OLD, 200 + pair)) for pair in range(pairs)]
+    assert sum(any(one.is_changed for one in each.constants) for each in found) <= most
+    assert sum(each.displacement.is_significant for each in found) <= most

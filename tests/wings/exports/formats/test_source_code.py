@@ -119,7 +119,15 @@ def uncertainty(covariances):
 MODELS = ("large", "ur10", "rail", "measuring7", "kinematic")
 
 
-@pytest.fixture(scope="module", params=MODELS)
+@pytest.fixture(
+    scope="module",
+    params=[
+        "large",
+        "ur10",
+        "rail",
+        *(pytest.param(name, marks=pytest.mark.weekly) for name in ("measuring7", "kinematic")),
+    ],
+)
 def written(request, tmp_path_factory):
     if shutil.which("cc") is None:
         pytest.skip("no C compiler is installed")
