@@ -179,3 +179,13 @@ def test_orientations_in_another_unit_are_named(readings):
         ta.fit(arm, replace(readings, quaternion=wrong), model="nominal")
     assert "the points agree with the arm to " in refused.value.hint
     assert "--orientation-unit" in refused.value.hint
+
+
+def test_an_arm_with_a_similar_name_is_the_mistake_though_readings_do_not_contradict_the_one_stated():
+    diagnosis = ta.diagnose("ur10", ta.simulate("ur10e", poses=40, seed=2).session)
+    assert diagnosis.check.stated.is_usual
+    assert diagnosis.summary().startswith("the arm is ur10e, not ur10: ")
+    refuses("no file of ur10 mends this", diagnosis.mended_arm)
+    assert ta.diagnose("ur5e", ta.simulate("ur10e", poses=40, seed=2).session).check.findings[0].mistakes == (
+        "the arm is ur10e, not ur5e",
+    )

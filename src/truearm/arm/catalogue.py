@@ -22,8 +22,8 @@ MAKERS = (
     "ABB, AUBO, Barrett, Denso, Dobot, Doosan, Elephant Robotics, Fanuc, Franka, Immersion, Interbotix, Kawasaki, "
     "Kinova, KUKA, Niryo, Stäubli, Techman, TheRobotStudio, UFACTORY, Universal Robots, Yaskawa"
 )
-# Characters at the end of a name in which one that is taken for another differs: ur10 and ur10e, iiwa7 and iiwa14.
-MOST_UNLIKE = 2
+# Characters at the end of a name in which one that is taken for another differs: ur10 and ur10e, ur5e and ur10e.
+MOST_UNLIKE = 3
 _SUFFIXES = (".toml", ".urdf")
 _FILE_SUFFIXES = (*_SUFFIXES, ".yaml", ".yml", ".xacro", ".xml")
 # A URDF or MJCF with the links between which the arm is, either may be empty: robot.urdf:base_link:tool0

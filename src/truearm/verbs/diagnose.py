@@ -10,7 +10,12 @@ from truearm.arm.arm import Arm
 from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
 from truearm.findings import format_mm
-from truearm.identification.judgement.description_check import DescriptionCheck, Explanation, check_description
+from truearm.identification.judgement.description_check import (
+    DescriptionCheck,
+    Explanation,
+    check_description,
+    likelier_arm,
+)
 from truearm.identification.references.reference_table import LEAST_READINGS, MOST_READINGS, reference_table
 from truearm.readings import Lengths, read_lengths
 from truearm.readings.checks import check_angles
@@ -80,7 +85,10 @@ def diagnose(
             file=given.file,
             hint="add columns x_mm, y_mm, z_mm, or a column seat with the names of seats",
         )
-    return Diagnosis(nominal, check_description(nominal, table), n_given=len(given))
+    check = check_description(nominal, table)
+    if not check.findings and (other := likelier_arm(nominal, table)) is not None:
+        check = replace(check, findings=(other,))
+    return Diagnosis(nominal, check, n_given=len(given))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

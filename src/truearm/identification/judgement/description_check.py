@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
-from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes, other_arms
+from truearm.arm.description_mistakes import OTHER_ARM, Interpretation, Mistake, likely_mistakes, other_arms
 from truearm.arm.nearest_table import nearest_table
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.errors import InputError
@@ -188,6 +188,7 @@ def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None 
     def moves(joint: int, one: Interpretation) -> bool:
         return bool(np.ptp(one.angles(table.angles)[:, joint]) >= least[joint])
 
+    nearest = _nearest_arm(arm, table)
     mistakes = [
         one
         for one in likely_mistakes(
@@ -197,6 +198,7 @@ def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None 
             base_is_known="base" not in table.free,
         )
         if (one.subject != "rows" or len(table.points or table.seats) > 1)
+        and (one.subject != OTHER_ARM or (nearest is not None and one.description == nearest.description))
         # In a wrong unit a joint may only look still.
         and (one.shown_by is None or any(moves(one.shown_by, each) for each in (stated, one.mend(stated))))
     ]
@@ -222,12 +224,20 @@ def likelier_arm(arm: Arm, table: ReferenceTable) -> Explanation | None:
 
     Arms that are nearly alike miss each other's readings by no more than their constants may err.
     """
-    hypotheses = [_Hypothesis((one,), one.mend(Interpretation.stated(arm))) for one in other_arms(arm)]
-    if not hypotheses:
+    stated, nearest = Interpretation.stated(arm), _nearest_arm(arm, table)
+    if nearest is None:
         return None
-    _, *found = _judged([_Hypothesis((), Interpretation.stated(arm)), *hypotheses], table, 1 + len(hypotheses))
-    best = max(found, key=lambda one: one.log_odds)
-    return best if best.explained >= LEAST_OF_OTHER_ARM else None
+    other = _judged([_Hypothesis((), stated), _Hypothesis((nearest,), nearest.mend(stated))], table, 2)[1]
+    return other if other.explained >= LEAST_OF_OTHER_ARM else None
+
+
+def _nearest_arm(arm: Arm, table: ReferenceTable) -> Mistake | None:
+    """Of the arms with similar names the one that leaves the least residuals."""
+    others = other_arms(arm)
+    if not others:
+        return None
+    interpretations = [one.mend(Interpretation.stated(arm)) for one in others]
+    return others[int(fit_descriptions(table, interpretations).scores(table, interpretations).argmin())]
 
 
 def _as_identified(

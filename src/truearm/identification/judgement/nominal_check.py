@@ -282,7 +282,7 @@ class NominalCheck:
         if (other := self.other_arm) is not None:
             said = (
                 f"By these readings {other}: they miss its drawing by {format_mm(other.error_mm)}, that of the arm "
-                f"stated by {format_mm(self.error_mm)}."
+                f"stated by {format_mm(self.error_mm)}. If so, fit again with its name (--arm)."
             )
             return (Finding("nominal arm", said, {"error_mm": self.error_mm, "other_error_mm": other.error_mm}),)
         if self.is_usual or self.identified is None or not self.is_plausible:  # an acceptance says so itself
