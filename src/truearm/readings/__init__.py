@@ -28,6 +28,7 @@ from truearm.readings.point_errors import (
 )
 from truearm.readings.readings import NAMED, PAYLOAD
 from truearm.readings.session import Session, read_session, stratified_rows
+from truearm.readings.thermal_expansion import expanded_lengths
 
 __all__ = [
     "NAMED",
@@ -46,6 +47,7 @@ __all__ = [
     "check_session_path",
     "check_sessions",
     "compare_errors",
+    "expanded_lengths",
     "has_reference",
     "has_repeated_seat",
     "length_errors",

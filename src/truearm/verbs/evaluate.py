@@ -26,6 +26,7 @@ from truearm.readings import (
     Session,
     check_sessions,
     compare_errors,
+    expanded_lengths,
     has_repeated_seat,
     length_errors,
     point_errors,
@@ -33,7 +34,6 @@ from truearm.readings import (
 )
 from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.files import is_large
-from truearm.readings.thermal_expansion import expanded_lengths
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import (
