@@ -62,7 +62,7 @@ def found(folder):
         return ta.fit("ur10", folder, model="kinematic")
 
 
-@pytest.fixture(scope="module", params=[2, 8])
+@pytest.fixture(scope="module", params=[2, pytest.param(8, marks=pytest.mark.weekly)])
 def folder_with_radians(request, tmp_path_factory):
     """Files of one arm, the first with radians under the names of degrees."""
     path = tmp_path_factory.mktemp("radians")

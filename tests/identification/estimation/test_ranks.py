@@ -155,7 +155,7 @@ def test_the_terms_are_the_tables_parameters(n):
 
 
 @pytest.mark.parametrize("harmonics", [False, True])
-@pytest.mark.parametrize("n", [6, 7])
+@pytest.mark.parametrize("n", [6, pytest.param(7, marks=pytest.mark.weekly)])
 @pytest.mark.parametrize(
     ("what", "frame", "told"),
     [

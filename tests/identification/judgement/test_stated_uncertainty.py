@@ -36,7 +36,7 @@ def test_micrometres_entered_as_millimetres_are_refused_at_every_door(session):
         refuses(says, fit)
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("factor", [0.5, pytest.param(1.0, marks=pytest.mark.weekly), 2.0])
 def test_a_right_one_is_not_questioned(session, factor):
     model = KinematicModel(ARM).fit_readings(stating(session, factor))
     assert unlike_stated_uncertainty(model.fit_) == ()

@@ -116,9 +116,6 @@ def uncertainty(covariances):
     return np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
 
 
-MODELS = ("large", "ur10", "rail", "measuring7", "kinematic")
-
-
 @pytest.fixture(
     scope="module",
     params=[

@@ -71,7 +71,9 @@ def autoregressive(rng, shape, correlation):
     return series
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.7])
+@pytest.mark.parametrize(
+    "correlation", [pytest.param(0.0, marks=pytest.mark.weekly), 0.5, pytest.param(0.7, marks=pytest.mark.weekly)]
+)
 def test_an_unchanged_process_alarms_no_more_often_than_is_said(rng, correlation):
     """Of 38 values after the second, each rule has a share of 0.27 % of false alarms; 99.9 % of the binomial."""
     stated = 1 - (1 - FALSE_ALARMS) ** 38

@@ -154,7 +154,7 @@ def marked(session, joint, tmp_path):
 ALL = ("a", "d", "alpha", "theta")
 
 
-@pytest.mark.parametrize("convention", ["dh", "mdh"])
+@pytest.mark.parametrize("convention", ["dh", pytest.param("mdh", marks=pytest.mark.weekly)])
 @pytest.mark.parametrize(
     ("joint", "unknown", "others"),
     [

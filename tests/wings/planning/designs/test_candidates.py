@@ -124,7 +124,7 @@ def test_bars_lie_in_all_directions():
 # --- tracker ---
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", [*ARMS[:3], *(pytest.param(name, marks=pytest.mark.weekly) for name in ARMS[3:])])
 def test_half_of_the_poses_under_a_tracker_are_a_technicians(name):
     arm = load_arm(name)
     found = tracker_poses(arm, 41, seed=3)
