@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
@@ -18,6 +18,7 @@ from truearm.wings.camera.closed_form import closed_form, inverse, motion, refin
 from truearm.wings.camera.hand_eye import HandEyeResult
 from truearm.wings.camera.mounts import Transform, mounts, small_motion
 from truearm.wings.planning.virtual import VirtualArm
+from truearm.wings.planning.virtual.presets import RESEARCH, Preset
 
 ROWS = Rows()
 # Images that no fit has seen.
@@ -25,6 +26,17 @@ FRESH = 100
 # Noise of a board's pose: as 88 corners with 0.2 px in a camera of 1280 x 1024 give it.
 TURN_DEG, POSITION_MM = 0.05, 0.15
 METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
+# A research arm is turned by hand: one with gears that twist, heavier links and usual bearings.
+GEARED = replace(
+    RESEARCH,
+    name="geared",
+    joint_drive_arcsec_per_Nm=2.0,
+    link_kg_per_m=5.0,
+    bearing_tilt_std_arcsec=10.0,
+    bearing_runout_std_um=5.0,
+    nominal_mean_mm=0.0,
+    nominal_max_mm=0.0,
+)
 MOUNTS = ("beside the robot", "on the flange")
 
 
@@ -57,7 +69,7 @@ def looking(eye: FloatArray, target: FloatArray, roll: FloatArray) -> FloatArray
     return motion(R, eye)
 
 
-def cell(name: str, seed: int, n: int, *, eye_in_hand: bool, preset: str = "research") -> Cell:
+def cell(name: str, seed: int, n: int, *, eye_in_hand: bool, preset: str | Preset = "research") -> Cell:
     """A virtual arm with a camera: n images in which the board is seen, tilted up to 40 deg, and `FRESH` more."""
     rng, virtual = np.random.default_rng(seed), VirtualArm.draw(ta.load_arm(name), preset, seed=seed)
     arm, nominal = virtual.nominal, virtual.nominal.chain
@@ -171,7 +183,7 @@ def opencv_error(made: Cell, n: int) -> float:
 
 
 @ROWS.row("cells", quick={"arms": 2}, is_long=True)
-def cells(name: str = "ur10", arms: int = 40, images: int = 25, preset: str = "research") -> RowResult:
+def cells(name: str = "ur10", arms: int = 40, images: int = 25, preset: str | Preset = "research") -> RowResult:
     """Camera and board of virtual cells: regions of 95 %, and the board's position in fresh images."""
     table, within = [], []
     for mount, eye_in_hand in zip(MOUNTS, (False, True), strict=True):
@@ -227,3 +239,10 @@ def cells(name: str = "ur10", arms: int = 40, images: int = 25, preset: str = "r
 def more_images(arms: int = 20, images: int = 60) -> RowResult:
     """The same with more images."""
     return cells(arms=arms, images=images)
+
+
+@ROWS.row("geared", quick={"arms": 1}, is_long=True)
+def geared(arms: int = 16, images: int = 25) -> RowResult:
+    """The same of arms with elastic gears, heavier links and usual bearings."""
+    found = cells(arms=arms, images=images, preset=GEARED)
+    return RowResult(found.table, found.targets[:1], found.notes)
