@@ -244,5 +244,5 @@ def more_images(arms: int = 20, images: int = 60) -> RowResult:
 @ROWS.row("geared", quick={"arms": 1}, is_long=True)
 def geared(arms: int = 16, images: int = 25) -> RowResult:
     """The same of arms with elastic gears, heavier links and usual bearings."""
-    found = cells(arms=arms, images=images, preset=GEARED)
+    found: RowResult = cells(arms=arms, images=images, preset=GEARED)
     return RowResult(found.table, found.targets[:1], found.notes)
