@@ -28,7 +28,7 @@ from truearm.verbs.record import TextTable, format_fixed, number_of
 from truearm.wings.camera.cell_images import BoardLike, CameraLike, CellImages, PixelsLike
 from truearm.wings.camera.cell_poses import CellPoses
 from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
-from truearm.wings.camera.hand_eye import HandEyeResult
+from truearm.wings.camera.hand_eye_result import HandEyeResult
 from truearm.wings.camera.image_errors import ImageErrors
 from truearm.wings.camera.images import (
     GROSS_STDS,

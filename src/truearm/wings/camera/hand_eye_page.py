@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -24,10 +24,8 @@ from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.pages.scene import PointCloud, PointColumn, Scene
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.camera.closed_form import inverse
+from truearm.wings.camera.hand_eye_result import HandEyeByImages
 from truearm.wings.camera.turn_test import AGREES
-
-if TYPE_CHECKING:
-    from truearm.wings.camera.hand_eye import PoseFit
 
 # Boards or cameras that are outlined, and images of the picture of the turns: more hide each other.
 MOST_OUTLINED, MOST_TURNS = 60, 200
@@ -57,7 +55,7 @@ class _Left:
     deg: dict[str, FloatArray]
 
     @classmethod
-    def of(cls, found: PoseFit) -> Self:
+    def of(cls, found: HandEyeByImages) -> Self:
         """By hand-eye alone, and with the arm identified."""
         alone, used = found.alone, found.alone.rows
         A, C = found.interpretation.A[used], found.interpretation.C[used]
@@ -82,12 +80,12 @@ def _angles(R: FloatArray, S: FloatArray) -> FloatArray:
     return np.degrees(Rotation.from_matrix(R.transpose(0, 2, 1) @ S).magnitude())
 
 
-def _identified(found: PoseFit) -> IdentifiedModel | None:
+def _identified(found: HandEyeByImages) -> IdentifiedModel | None:
     model = None if found.fitted is None else found.fitted.model
     return model if isinstance(model, IdentifiedModel) else None
 
 
-def hand_eye_page(found: PoseFit) -> Page:
+def hand_eye_page(found: HandEyeByImages) -> Page:
     """Lay out where the camera and the board are, and by which images."""
     left, (alone, identified) = _Left.of(found), found.held_out_mm
     n_ignored = found.n_images - found.n_used
@@ -135,7 +133,7 @@ def _placed(T: FloatArray, outline: FloatArray) -> FloatArray:
     return np.asarray(outline @ T[:3, :3].T + T[:3, 3])
 
 
-def _in_base(found: PoseFit) -> tuple[FloatArray, FloatArray]:
+def _in_base(found: HandEyeByImages) -> tuple[FloatArray, FloatArray]:
     """What stands, (4, 4), and what the flange carries at every image, (m, 4, 4), in the base."""
     C = found.interpretation.C[found.alone.rows]
     if found.eye_in_hand:
@@ -145,7 +143,7 @@ def _in_base(found: PoseFit) -> tuple[FloatArray, FloatArray]:
     return T, T @ C
 
 
-def _arm(found: PoseFit, T_base_standing: FloatArray) -> Arm | None:
+def _arm(found: HandEyeByImages, T_base_standing: FloatArray) -> Arm | None:
     """The identified arm in the axes of its base, its tip where the board is, or the camera."""
     model = _identified(found)
     if model is None or model.arm_.chain.coupling is not None:
@@ -156,7 +154,7 @@ def _arm(found: PoseFit, T_base_standing: FloatArray) -> Arm | None:
     return replace(model.arm_, chain=chain)
 
 
-def _scene(found: PoseFit, left: _Left) -> Scene:
+def _scene(found: HandEyeByImages, left: _Left) -> Scene:
     standing, carried = _in_base(found)
     stands, moves = ("board", "camera") if found.eye_in_hand else ("camera", "board")
     points, arm = carried[:, :3, 3], _arm(found, standing)
@@ -188,7 +186,7 @@ def _scene(found: PoseFit, left: _Left) -> Scene:
 
 
 def _still(
-    arm: Arm | None, found: PoseFit, lines: Sequence[FloatArray], points: FloatArray, shown: PointColumn
+    arm: Arm | None, found: HandEyeByImages, lines: Sequence[FloatArray], points: FloatArray, shown: PointColumn
 ) -> Drawing:
     *outlines, standing = [project(line) for line in lines[: len(lines) - 3 * (arm is None)]]
     values = np.asarray(shown.values)
@@ -224,7 +222,7 @@ def _still(
     return drawing
 
 
-def _places(found: PoseFit) -> Table:
+def _places(found: HandEyeByImages) -> Table:
     columns = Column.of(
         "frame", "in", "x [mm]", "y [mm]", "z [mm]", "roll [deg]", "pitch [deg]", "yaw [deg]", "U [mm]", "U [deg]"
     )
@@ -265,7 +263,7 @@ def _left_panel(numbers: IntArray, by: dict[str, FloatArray], label: str) -> Dra
     return drawing
 
 
-def _turn_figure(found: PoseFit) -> Figure:
+def _turn_figure(found: HandEyeByImages) -> Figure:
     test = found.interpretation.test
     n = len(test.agree)
     some = np.linspace(0, n - 1, min(n, MOST_TURNS)).astype(int)
@@ -303,14 +301,14 @@ def _turn_figure(found: PoseFit) -> Figure:
     )
 
 
-def _agreeing(found: PoseFit) -> FloatArray:
+def _agreeing(found: HandEyeByImages) -> FloatArray:
     """(n,) Share of the others with which an image agrees, of those that agree."""
     test = found.interpretation.test
     fits = (test.off_deg < test.tolerance_deg)[:, test.agree]
     return np.asarray((fits.sum(axis=1) - test.agree) / np.maximum(test.agree.sum() - test.agree, 1))
 
 
-def _table(found: PoseFit, left: _Left) -> Table:
+def _table(found: HandEyeByImages, left: _Left) -> Table:
     place = {row: i for i, row in enumerate(left.rows.tolist())}
     test, agreeing = found.interpretation.test, 100 * _agreeing(found)
     by = [(name, values) for name in left.mm for values in (left.mm[name], left.deg[name])]
