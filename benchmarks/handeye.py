@@ -15,7 +15,7 @@ from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import frame_from_xyz_rpy
 from truearm.typing import FloatArray
 from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
-from truearm.wings.camera.hand_eye_result import HandEyeResult
+from truearm.wings.camera.hand_eye import HandEyeResult
 from truearm.wings.camera.mounts import Transform, mounts, small_motion
 from truearm.wings.planning.virtual import VirtualArm
 from truearm.wings.planning.virtual.presets import RESEARCH, Preset

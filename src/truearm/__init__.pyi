@@ -42,9 +42,8 @@ from truearm.wings.camera.find_corners import CornersResult as CornersResult
 from truearm.wings.camera.find_corners import find_corners as find_corners
 from truearm.wings.camera.fit_images import ImageFit as ImageFit
 from truearm.wings.camera.fit_images import fit_images as fit_images
-from truearm.wings.camera.hand_eye import PoseFit as PoseFit
+from truearm.wings.camera.hand_eye import HandEyeResult as HandEyeResult
 from truearm.wings.camera.hand_eye import hand_eye as hand_eye
-from truearm.wings.camera.hand_eye_result import HandEyeResult as HandEyeResult
 from truearm.wings.camera.plan_images import ImagePlan as ImagePlan
 from truearm.wings.camera.plan_images import plan_images as plan_images
 from truearm.wings.camera.sheets import BoardSheet as BoardSheet

@@ -20,7 +20,6 @@ NOT_TABLES = {
     "ImageFit": "transforms and a model",
     "ImageSimulation": "images and a session, which has `to_frame`",
     "OperatorSheetResult": "a form to fill in",
-    "PoseFit": "transforms and a model",
     "PublishedReadings": "a session, which has `to_frame`",
     "ReadCertificate": "a certificate",
     "RefitResult": "a model",

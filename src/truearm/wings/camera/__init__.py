@@ -5,8 +5,7 @@ from typing import Literal
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES: dict[str, tuple[str, ...]] = {
     "fit_images": ("ImageFit", "fit_images"),
-    "hand_eye": ("PoseFit", "hand_eye"),
-    "hand_eye_result": ("HandEyeResult",),
+    "hand_eye": ("HandEyeResult", "hand_eye"),
     "find_corners": ("CornersResult", "find_corners"),
     "plan_images": ("ImagePlan", "plan_images"),
     "sheets": ("BoardSheet", "draw_board"),

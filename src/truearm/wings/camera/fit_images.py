@@ -25,10 +25,10 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_session
 from truearm.verbs.record import TextTable, format_fixed, number_of
+from truearm.wings.camera.camera_and_board import CameraAndBoard
 from truearm.wings.camera.cell_images import BoardLike, CameraLike, CellImages, PixelsLike
 from truearm.wings.camera.cell_poses import CellPoses
 from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
-from truearm.wings.camera.hand_eye_result import HandEyeResult
 from truearm.wings.camera.image_errors import ImageErrors
 from truearm.wings.camera.images import (
     GROSS_STDS,
@@ -424,7 +424,7 @@ def _with_sizes(model: IdentifiedModel, poses: CellPoses, session: Session, leng
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImageFit(HandEyeResult):
+class ImageFit(CameraAndBoard):
     """Where cameras and boards are, the cameras' intrinsics and the identified arm.
 
     Attributes

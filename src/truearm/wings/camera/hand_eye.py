@@ -24,8 +24,8 @@ from truearm.typing import FloatArray
 from truearm.verbs.fit import fit
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import format_fixed, number_of
+from truearm.wings.camera.camera_and_board import HandEyeByImages
 from truearm.wings.camera.closed_form import HandEyeAlone, inverse, motion, refined
-from truearm.wings.camera.hand_eye_result import HandEyeByImages
 from truearm.wings.camera.interpretation import Interpretation, interpret
 from truearm.wings.camera.mounts import Transform, of_alone, of_model
 from truearm.wings.camera.pose_files import Poses, Samples, Unit, read_samples
@@ -60,7 +60,7 @@ def hand_eye(
     model: ModelName = "kinematic",
     accept: str | None = None,
     progress: Callable[[int, str], None] | None = None,
-) -> PoseFit:
+) -> HandEyeResult:
     """Find where the camera and the board are, with the arm that carries one of them.
 
     With the joints the arm is identified in the same fit (`fit`). With poses of the flange alone it stays as the
@@ -101,7 +101,7 @@ def hand_eye(
 
     Returns
     -------
-    PoseFit
+    HandEyeResult
 
     Raises
     ------
@@ -162,7 +162,7 @@ def hand_eye(
         *(Finding("hand-eye", one) for one in said),
         *(() if fitted is None else fitted.findings),
     )
-    return PoseFit(
+    return HandEyeResult(
         camera=camera,
         board=mounted,
         eye_in_hand=in_hand,
@@ -315,10 +315,10 @@ def _equipped(arm: Arm, Y: FloatArray, X: FloatArray, centre: FloatArray, in_han
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseFit(HandEyeByImages, PageRecord):
+class HandEyeResult(HandEyeByImages, PageRecord):
     """Where the camera and the board are by poses of the board; it has a page.
 
-    See `HandEyeResult` for its attributes.
+    See `CameraAndBoard` and `HandEyeByImages` for its attributes.
     """
 
     def page(self) -> Page:

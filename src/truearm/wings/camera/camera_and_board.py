@@ -17,7 +17,7 @@ from truearm.wings.camera.mounts import Transform
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HandEyeResult(Record):
+class CameraAndBoard(Record):
     """Where the camera and the board are, with uncertainty, and the identified arm.
 
     Attributes
@@ -113,7 +113,7 @@ def _row(one: Transform) -> Sequence[str]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HandEyeByImages(HandEyeResult):
+class HandEyeByImages(CameraAndBoard):
     """Where the camera and the board are by poses of the board, image by image.
 
     Attributes
