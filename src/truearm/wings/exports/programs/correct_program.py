@@ -34,20 +34,8 @@ from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.languages import LANGUAGES, UNREADABLE, language_of
 from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.nominal_joints import ROBOT
-from truearm.wings.exports.programs.number_texts import (
-    direction_of_check_digits,
-    new_numbers,
-    with_check_digits,
-)
-from truearm.wings.exports.programs.program import (
-    Edit,
-    LeftAlone,
-    Program,
-    Surroundings,
-    Target,
-    inverse,
-    with_edits,
-)
+from truearm.wings.exports.programs.number_texts import direction_of_check_digits, new_numbers, with_check_digits
+from truearm.wings.exports.programs.program import Edit, LeftAlone, Program, Surroundings, Target, inverse, with_edits
 from truearm.wings.exports.programs.solving import Solver, ends_of
 from truearm.wings.exports.programs.subdivision import check_subdivision, divide
 from truearm.wings.exports.targets import TargetDirection, Untrained

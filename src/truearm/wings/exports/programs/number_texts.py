@@ -21,6 +21,7 @@ _LONG = 16  # bytes of a number of so many decimals
 _ENOUGH = 4  # of six joints: once in 1e11 targets by chance
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SIX = re.compile(rf"\s*({NUMBER})\s*" + rf",\s*({NUMBER})\s*" * 5)
+_MAY_BE_LARGE = re.compile(r"(?<![\d.])\d{7}|[eE]")
 _JOINT = re.compile(r"(?:.*\.)?[jaA]\d")
 
 
@@ -30,7 +31,7 @@ def six_numbers(text: str, start: int) -> list[Number] | None:
     if parts is None:
         return None
     found = [Number(start + parts.start(i), start + parts.end(i), parts[i].encode("ascii")) for i in range(1, 7)]
-    return found if all(abs(one.value) < _LARGEST for one in found) else None
+    return found if not _MAY_BE_LARGE.search(text) or all(abs(one.value) < _LARGEST for one in found) else None
 
 
 def new_numbers(language: Language, target: Target, values: Mapping[str, float]) -> dict[str, bytes]:

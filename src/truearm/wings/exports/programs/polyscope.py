@@ -46,10 +46,7 @@ from truearm.wings.exports.programs.xml_places import Node, parse_nodes
 
 _LEVEL = 6
 _PLACES = ("position", "JointAngles", "poseInFeatureCoordinates", "outputFlangePose")
-_TYPES = {
-    "Variable": "its place is a variable",
-    "Relative": "it is relative to where the arm is",
-}
+_TYPES = {"Variable": "its place is a variable", "Relative": "it is relative to where the arm is"}
 _KINDS: dict[str, MoveKind] = {"MoveJ": "joint", "MoveL": "linear", "MoveP": "linear"}
 
 

@@ -345,6 +345,11 @@ class Lines:
         """The line of a byte."""
         return 1 + bisect_right(self._begins, at)
 
+    def start(self, at: int) -> int:
+        """Where the line of a byte begins."""
+        line = bisect_right(self._begins, at)
+        return self._begins[line - 1] if line else 0
+
 
 def line_end_of(data: bytes) -> bytes:
     """The line end that a program uses first."""

@@ -483,8 +483,7 @@ class _Module:
             return None
         places = [(self.tokens[first].start, self.tokens[last - 1].end) for (first, last), *_ in arguments]
         start, point, zone, stop = self.tokens[at].start, places[0], places[2], self.tokens[end - 1].end
-        line = max(self.data.rfind(sign, 0, start) for sign in (b"\n", b"\r")) + 1
-        blanks = self.data[line:start]
+        blanks = self.data[self.line_of.start(start) : start]
         after = self.data[point[1] : zone[0]] + self.data[zone[1] : stop]
         ending = b" " if blanks.strip() else line_end_of(self.data) + blanks
         return Passing(start, self.data[start : point[0]], after + ending, zone[0] - point[1])

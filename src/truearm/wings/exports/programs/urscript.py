@@ -151,6 +151,7 @@ class _Reader:
         self.tools: list[_Literal | None] = []
         self.left: list[LeftAlone] = []
         self.uses: dict[int, _Use] = {}
+        self.poses: dict[int, FloatArray] = {}
         self.moves: list[tuple[Move, int]] = []
         self.n_uses: Counter[int] = Counter()
 
@@ -206,8 +207,7 @@ class _Reader:
         named = {found[1] for at, stop in arguments[1:] if (found := _NAMED.match(self.code, at, stop))}
         if call[1] != "movel" or named - {"a", "v", "r"} or len(arguments) - 1 - len(named) > _SPEED_ARGUMENTS:
             return None
-        begins = max(self.code.rfind(sign, 0, call.start()) for sign in "\n\r") + 1
-        blanks = self.text[begins : call.start()]
+        blanks = self.text[self.line.start(call.start()) : call.start()]
         if blanks.strip():
             return None
         kept = [self.text[at:stop].rstrip() for at, stop in arguments[1:] if not re.match(r"r\s*=", self.code[at:stop])]
@@ -286,16 +286,12 @@ class _Reader:
         uses = [use for use in self.uses.values() if use.literal.is_pose and use.near]
         joints = np.array([next(iter(use.near.values())).values for use in uses]).reshape(-1, 6)
         poses = np.array([pose_matrix(use.literal.values) for use in uses]).reshape(-1, 4, 4)
+        self.poses = {use.literal.start: T for use, T in zip(uses, poses, strict=True)}
         found = disagreements(stated.checked, joints, poses @ inverse(tool))
         return {use.literal.start: one for use, one in zip(uses, found, strict=True)}
 
     def _target(
-        self,
-        use: _Use,
-        near: _Literal | None,
-        tool: FloatArray | str,
-        stated: StatedKinematics,
-        away: str | None,
+        self, use: _Use, near: _Literal | None, tool: FloatArray | str, stated: StatedKinematics, away: str | None
     ) -> Target | str:
         """The target of a list, or why it is not changed; `tool` may be why there is none.
 
@@ -315,7 +311,9 @@ class _Reader:
             return tool
         if len(use.near) > 1:
             return "it is used with several start joints"
-        T, q = pose_matrix(values), None if near is None else np.array(near.values)
+        T = self.poses.get(use.literal.start)
+        T = pose_matrix(values) if T is None else T
+        q = None if near is None else np.array(near.values)
         named = dict(zip(POSE, numbers, strict=True))
         if near is not None and away is not None:
             twins = self.variables.get(f"{use.name[:-2]}_q", ()) if use.name.endswith("_p") else ()
