@@ -69,3 +69,18 @@ def test_orientations_that_no_arm_has_are_refused_in_degrees(wrong):
     assert "mm at one reading" not in str(refused.value)
     assert "if the marker was mounted again, name its mountings" in refused.value.hint
     assert error_mm(ta.fit(ARM, session, model="nominal", accept="the points are right"), session) < 2.0  # mm
+
+
+def test_orientations_are_evaluated_in_degrees_with_the_coverage_of_their_regions():
+    """0.02 deg about each of three axes is a mean angle of 0.032 deg; an arm 1 mm off turns its flange by far more."""
+    train, test = poses().split(by="row", hold_out=0.4, seed=2)
+    of_constants = ta.evaluate(ta.fit(ARM, train, model="kinematic").model, test)
+    found = of_constants.errors["model"]
+    assert found["n_orientations"] == len(test)
+    assert 0.02 < found["orientation_mean_deg"] < 0.05
+    assert of_constants.errors["nominal"]["orientation_mean_deg"] > 3 * found["orientation_mean_deg"]
+    assert of_constants.orientation_coverage >= 0.8  # of 24
+    assert "of the orientations are inside their stated 95 % regions" in str(of_constants)
+    assert of_constants.to_dict()["orientation_coverage"] == of_constants.orientation_coverage
+    of_points = ta.evaluate(ta.fit(ARM, replace(train, quaternion=None), model="kinematic").model, test)
+    assert of_points.orientation_coverage is None  # nothing told how the marker is turned

@@ -19,6 +19,7 @@ from truearm.errors import InputError
 from truearm.findings import Finding, findings_of, format_mm
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models import Compensator
+from truearm.models.orientation_errors import orientation_errors
 from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits
 from truearm.readings import (
     Lengths,
@@ -243,6 +244,9 @@ def _evaluate_session(
         predicted = {"nominal": fitted.predict_nominal_readings(at)} | predicted
     nominal = predicted.get("nominal", predicted["model"]) if fitted.arm_.has_kinematics else None
     errors = {name: _errors(one, nominal, used, known) for name, one in predicted.items()}
+    turned = orientation_errors(at)
+    if turned is not None:
+        errors = {name: of | turned.statistics()[name] for name, of in errors.items()}
     conditions = conditions or fitted.training_.conditions_of(used)
     budget: UncertaintyBudget | None = None
     same_day: UncertaintyBudget | None = None
@@ -263,6 +267,7 @@ def _evaluate_session(
         repeatability_budget=same_day,
         conditions=conditions,
         outliers=outliers,
+        orientation_coverage=None if turned is None else turned.coverage,
         n_training=tested.n_training,
         findings=(
             *findings_of("acceptance", acceptance_remarks(accept)),
@@ -288,8 +293,8 @@ class Evaluation(TableRecord):
     errors : dict of str to dict
         For each: ``mean_mm``, ``rms_mm``, ``p95_mm``, ``max_mm``, ``mean_abs_coordinate_mm`` and
         ``max_abs_coordinate_mm`` against reference points; ``seat_mean_mm`` and others in seats; ``lengths``;
-        ``distance_mean_mm`` and others of distances, with ``anchors`` and ``distances`` one by one. The 95 % quantile
-        of a session in parts is known to 0.1 %.
+        ``orientation_mean_deg`` and others of orientations; ``distance_mean_mm`` and others of distances, with
+        ``anchors`` and ``distances`` one by one. The 95 % quantile of a session in parts is known to 0.1 %.
     lengths : Lengths or None
         Known lengths at the temperature of the readings.
     budget : UncertaintyBudget or None
@@ -302,6 +307,8 @@ class Evaluation(TableRecord):
     outliers : tuple of Outlier
         Readings farther from their reference point than eight stated standard uncertainties; of a session in parts
         the largest 20.
+    orientation_coverage : float or None
+        Share of the orientations in their stated 95 % regions; None without any.
     n_training : int
         Readings that were skipped because the model was fitted or refitted to them.
     findings : tuple of Finding
@@ -328,6 +335,7 @@ class Evaluation(TableRecord):
     repeatability_budget: UncertaintyBudget | None = None
     conditions: Conditions | None = None
     outliers: tuple[Outlier, ...] = ()
+    orientation_coverage: float | None = None
     n_training: int = 0
     findings: tuple[Finding, ...] = ()
     n_parts: int = 1
@@ -403,6 +411,10 @@ class Evaluation(TableRecord):
                 yield f"{100 * self.coverage_99:.1f} % of the points are inside their stated 99 % ellipsoid"
             if self._any_day is not None and self._same_day is not None:
                 yield self._on_the_day(self._any_day, self._same_day)
+        if self.orientation_coverage is not None:
+            names = [name for name in own if name.startswith("orientation_")]
+            yield self._table(f"{own['n_orientations']} orientations", names)
+            yield f"{100 * self.orientation_coverage:.1f} % of the orientations are inside their stated 95 % regions"
         if "seats" in own:
             heading = f"{own['n_in_seats']} readings in {len(own['seats'])} seats"
             yield self._table(heading, [name for name in own if name.startswith("seat_")])
@@ -424,7 +436,8 @@ class Evaluation(TableRecord):
     def _json(self) -> object:
         """The model's errors by their names, and those of the nominal arm under ``nominal``."""
         errors = {**self.errors["model"], "nominal": self.errors.get("nominal")}
-        names = "coverage", "coverage_99", "conditions", "n_training", "outliers", "remarks", "repeatability_coverage"
+        names = ["coverage", "coverage_99", "repeatability_coverage", "conditions", "n_training", "outliers", "remarks"]
+        names += [] if self.orientation_coverage is None else ["orientation_coverage"]
         others = self._named(*names)
         of_parts = {} if self.sums is None else {"n_parts": self.n_parts, **self.sums.to_json()}
         return {"summary": self.summary(), **errors, **others, **of_parts}
