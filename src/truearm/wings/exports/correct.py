@@ -396,7 +396,10 @@ class CorrectedTargets(TableRecord):
         refusals = [f"{self.targets.label(row)}: {reason}" for row, reason in enumerate(self.reasons) if reason]
         yield from listed("refused", refusals, "refused targets")
         if refusals and self.targets.joint_file is not None:
-            yield "Nothing is written: a path with corrected and uncorrected targets would have steps."
+            yield (
+                "Nothing is written: a path with corrected and uncorrected targets would have steps. Change or delete "
+                "the refused targets."
+            )
         if any(reason.startswith("outside the trained range") for reason in self.reasons):
             yield "Take readings where the model is untrained, or correct and flag these targets (--untrained accept)."
         good = ~self.refused
@@ -452,14 +455,15 @@ class CorrectedTargets(TableRecord):
     def _remarks(self) -> Iterator[str]:
         """What a person must know of these targets."""
         yield from accepted_in_fit(self.model.accepted_)
+        of_file = self.targets.joint_file
+        yield from of_file.remarks if of_file else ()
         n_joints = self.model.arm_.n_joints
         if len(turns_of(self.model.nominal_.chain)) == 1:
-            yield ("A SCARA is corrected in position and turn about its axes; residual_rad is the tilt that remains.")
+            said = "A SCARA is corrected in position and turn about its axes"
+            yield f"{said}." if of_file else f"{said}; residual_rad is the tilt that remains."
         elif n_joints < JOINTS_OF_A_POSE:
-            yield (
-                f"An arm of {n_joints} joints is corrected in position only, with the least movement; residual_rad is "
-                "the change of orientation that remains."
-            )
+            said = f"An arm of {n_joints} joints is corrected in position only, with the least movement"
+            yield f"{said}." if of_file else f"{said}; residual_rad is the change of orientation that remains."
         elif self.targets.kind == "positions":
             yield "Positions without orientations: that of the nominal arm at the start joints is used."
         if "session" in self.targets.words and self.model.session_frames_:

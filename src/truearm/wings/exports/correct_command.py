@@ -72,8 +72,10 @@ def correct(
     from truearm.verbs.inputs import to_model_of_tip
     from truearm.wings.exports.correct import FANUC_J3_TEXT, check_output, check_output_of, targets_of_joint_file
     from truearm.wings.exports.programs import program_command
+    from truearm.wings.exports.targets.lerobot_motors import check_no_data_set
     from truearm.wings.exports.targets.manifest import read_manifest
 
+    check_no_data_set(targets)
     if program_command.is_program(targets):
         options.refuse_typed(context, (*OF_TABLES, *OF_JOINT_TABLES), "does not apply to a robot program")
         fitted = to_model_of_tip(model, tip)

@@ -60,7 +60,7 @@ def lerobot_csv() -> str:
 
 def list_csv() -> str:
     rows = [f'{i},"{[*row, 33]}"' for i, row in enumerate(degrees(Q))]
-    return "\n".join(["frame_index,observation.state", *rows, ""])
+    return "\n".join(["frame_index,action", *rows, ""])
 
 
 def ros_csv() -> str:
@@ -100,6 +100,8 @@ def test_joints_are_corrected_in_place_and_nothing_else(model, tmp_path, name):
     again = out if kept != text else None
     # The joints that were written, to a tenth of a thousandth of a degree, in the file's unit.
     if again is None:
+        assert any("cannot refuse" in block for block in corrected.blocks())
+        out.write_text(text.replace("action", "observation.state"))
         np.testing.assert_allclose(
             ta.correct(model, out, angle_unit=unit, direction="feedback").joints, Q, rtol=0, atol=5e-6
         )
@@ -168,7 +170,7 @@ def test_a_path_is_written_whole_or_not_at_all(model, tmp_path, truearm, refused
     (tmp_path / "t.yaml").write_text(far)
     ran = truearm("correct", tmp_path / "m.truearm", tmp_path / "t.yaml", "--out", tmp_path / "o.yaml")
     assert ran.code == 3
-    assert "refused: target 3: " in ran.out
+    assert "refused: line 11: " in ran.out
     assert "Nothing is written" in ran.out
     assert not (tmp_path / "o.yaml").exists()
     (tmp_path / "t.yaml").write_text(trajectory())
@@ -194,14 +196,22 @@ def test_the_order_of_joints_is_that_of_their_names():
     shown = ["elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint", "wrist_1_joint", "wrist_2_joint"]
     assert places_of([*shown, "wrist_3_joint"], ur10) == [2, 1, 0, 3, 4, 5]
     assert places_of(list("abcde"), so101) is None
+    # An arm without parallel axes has none of a UR's names.
+    assert places_of([*shown, "wrist_3_joint"], ta.load_arm("irb120")) is None
     assert places_of(["J1", "J1", "J2", "J3", "J4"], so101) is None
 
 
 BAD = {
     "unknown.yaml": (
         "joint_names: [a, b, c, d, e]\npoints:\n- positions: [1, 2, 3, 4, 5]\n",
-        "are not those of the arm",
+        "expected joints J1, J2, J3, J4, J5, got a, b, c, d, e",
     ),
+    "nameless.yaml": ("joint_names: []\npoints: []\n", "got none"),
+    "lacks.yaml": ("joint_names: [J1, J2, J3, J5, J6]\npoints: []\n", "J4 missing, J6 unknown"),
+    "message.json": ('{"joint_names": [], "points": []}', "no place to say that a file is corrected.*yaml"),
+    "lacks.csv": ("shoulder_pan.pos,shoulder_lift.pos,wrist_flex.pos\n1,2,3\n", "elbow_flex, wrist_roll missing"),
+    "read.csv": ('observation.state\n"[1,2,3,4,5]"\n', "is about action.*Try: --direction feedback"),
+    "read_each.csv": (",".join(f"observation.state.{name}" for name in NAMES) + "\n1,2,3,4,5\n", "is about action"),
     "short.yaml": ("joint_names: [J1, J2, J3, J4, J5]\npoints:\n- positions: [1, 2]\n", "expected 5 positions, got 2"),
     "words.yaml": ("joint_names: [J1, J2, J3, J4, J5]\npoints: [[1, 2, x, 4, 5]]\n", "as a finite number"),
     "bomb.yaml": ("a: &a [1]\nb: *a\n", "anchors"),
@@ -224,6 +234,37 @@ def test_what_is_not_clear_is_refused(model, tmp_path, name):
     (tmp_path / name).write_bytes(text.encode("latin-1"))
     error = refuses(said, ta.correct, model, tmp_path / name)
     assert error.file == tmp_path / name
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "unit", "said"),
+    [
+        ("a.nc", "G1 J1=1 J2=2 J3=3 J4=4 J5=5\n", "rad", "--angle-unit rad does not apply: joints in .nc are in deg"),
+        ("t.yaml", trajectory(), "deg", "are in rad"),
+        ("two.csv", f'action\n"{[1.0] * 12}"\n', "deg", "expected 5 or 6 numbers of one arm in action, got 12"),
+        ("ticks.csv", ",".join(NAMES) + "\n1,2,3,4,5\n1,2,2048,4,5\n", "deg", "line 3: expected elbow_flex from -180"),
+    ],
+)
+def test_a_unit_that_numbers_or_the_format_contradict_is_refused(model, tmp_path, name, text, unit, said):
+    (tmp_path / name).write_text(text)
+    refuses(said, ta.correct, model, tmp_path / name, angle_unit=unit)
+
+
+def test_columns_of_what_was_read_are_no_commands(model, tmp_path):
+    header = [f"{what}.{name}.pos" for what in ("observation.state", "action") for name in NAMES]
+    row = [*[0] * 5, *degrees(Q)[0]]
+    (tmp_path / "t.csv").write_text(f"{','.join(header)}\n{','.join(map(str, row))}\n")
+    for direction, expected in (("command", Q[0]), ("feedback", np.zeros(5))):
+        found = ta.correct(model, tmp_path / "t.csv", angle_unit="deg", direction=direction, untrained="accept")
+        np.testing.assert_allclose(found.targets.joints[0], expected, rtol=0, atol=1e-6)
+        assert any(f"{header[0 if direction == 'feedback' else 5]}," in block for block in found.blocks())
+
+
+def test_the_folder_of_a_data_set_is_answered_with_its_file(model, tmp_path, refused):
+    (tmp_path / "ds" / "meta").mkdir(parents=True)
+    (tmp_path / "ds" / "meta" / "info.json").write_text("{}")
+    model.save(tmp_path / "m.truearm")
+    refused(["correct", tmp_path / "m.truearm", tmp_path / "ds", "--out", tmp_path / "o.csv"], "episode_000000.parquet")
 
 
 def test_rows_that_lack_a_joint_are_refused(model, tmp_path):

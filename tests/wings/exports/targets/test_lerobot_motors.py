@@ -101,6 +101,7 @@ def test_the_zeros_of_a_model_become_homing_offsets(so101, tmp_path):
     changed = [a != b for a, b in zip(source.read_text().splitlines(), out.read_text().splitlines(), strict=True)]
     assert sum(changed) == 3
     assert any("shoulder_lift 157 to 11" in line for line in result.remarks)
+    assert any("calibration of the readings" in line for line in result.remarks)
     assert result.manifest.loss.exported_mm < 0.1 * result.manifest.loss.nominal_mm
     # Read by LeRobot with the new offset, the same encoder shows the true angle: present = encoder - homing.
     true_deg = np.array([0.0, 4.0, -3.0, 2.0, 0.0])

@@ -59,7 +59,11 @@ def _remarks(homing: IntArray, changes: IntArray) -> list[str]:
         if change
     ]
     what = f"Homing offsets: {', '.join(changed)}." if changed else "No zero is off by a tick: the file is the same."
-    return [what, "The limits of the servos turn with the zeros. Readings of the old calibration need the old model."]
+    return [
+        what,
+        "The original must be the calibration of the readings: no file says that it is corrected already.",
+        "The limits of the servos turn with the zeros. Readings of the old calibration need the old model.",
+    ]
 
 
 write = writer("lerobot", _file_of, read=read_motors)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -28,6 +28,8 @@ TICKS_PER_RAD = TICKS_PER_TURN / (2 * np.pi)
 # The servo keeps the offset in 11 bits and a sign.
 MAX_HOMING = 2047
 MAX_BYTES = 100_000
+# Of a range, on either side: it was found by hand, a motor can be beyond it, and a target before it is sent.
+_BEYOND = 0.05
 _KEYS = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
 # joint angle = sign * LeRobot's angle + offset [deg], from where both descriptions have the same pose. Of the others
 # the angles are LeRobot's own.
@@ -131,8 +133,8 @@ def _ticks_of(name: str, motor: Any) -> list[int]:
 
 
 def motors_and_arm(text: str) -> tuple[Motors | None, str]:
-    """The calibration and the arm of ``FILE``, ``ARM:FILE`` or ``ARM:``; None and empty where they are not stated."""
-    arm, colon, file = text.partition(":")
+    """The calibration and the arm of ``FILE``, ``ARM:FILE`` or ``ARM``; None and empty where they are not stated."""
+    arm, colon, file = (text, ":", "") if text in ARMS else text.partition(":")
     if not colon or arm not in ARMS:
         arm, file = "", text
     return read_motors(file) if file else None, arm
@@ -172,6 +174,44 @@ def joint_values(unit: str | None, motors: Motors | None, arm: str) -> JointValu
         gain, middle = turned * (motors.highest - motors.lowest) / 200 / TICKS_PER_RAD, np.zeros(len(MOTORS))
     gain = sign * gain
     return JointValues(gain, middle - np.deg2rad(offsets) / gain)
+
+
+def check_motor_values(values: FloatArray, rows: Sequence[str], *, unit: str, motors: Motors | None) -> None:
+    """Check that (n, 5) values are in the ranges of the motors, or in a full turn: else they are in another unit.
+
+    Raises
+    ------
+    InputError
+        With the name of the row, and the units that the values can have.
+    """
+    lowest, highest = (motors.lowest, motors.highest) if motors else (np.zeros(5), np.full(5, float(TICKS_PER_TURN)))
+    half, shift = (highest - lowest) / 2, (highest + lowest) / 2
+    middle = {"deg": np.zeros(5), "percent": np.zeros(5), "counts": shift}
+    ranges = {"deg": np.degrees(half / TICKS_PER_RAD), "percent": np.full(5, 100.0), "counts": half}
+    beyond = {name: np.abs(values - middle[name]) > ranges[name] * (1 + 2 * _BEYOND) for name in ranges}
+    if not beyond[unit].any():
+        return
+    row, joint = np.argwhere(beyond[unit])[0].tolist()
+    low, high = (middle[unit][joint] + side * ranges[unit][joint] for side in (-1, 1))
+    possible = [f"--angle-unit {name}" for name in ranges if (motors or name == "deg") and not beyond[name].any()]
+    raise InputError(
+        f"expected {MOTORS[joint]} from {low:.4g} to {high:.4g} {unit}"
+        f"{', its range in the calibration' * bool(motors)}, got {values[row, joint]:.6g}",
+        row=rows[row],
+        hint=" or ".join(possible) or "another --angle-unit, or --motors with the calibration of this arm",
+    )
+
+
+def check_no_data_set(path: Path) -> None:
+    """Refuse a folder with a data set of LeRobot, and name its first file.
+
+    Raises
+    ------
+    InputError
+    """
+    if (path / "meta" / "info.json").is_file():
+        first = min(path.glob("data/*/*.parquet"), default=path / "data/chunk-000/episode_000000.parquet")
+        raise InputError("expected a file, got the folder of a data set of LeRobot", file=path, hint=str(first))
 
 
 def homing_changes(zeros: FloatArray, arm: str) -> IntArray:

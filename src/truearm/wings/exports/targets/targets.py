@@ -118,7 +118,7 @@ class Targets:
         for name in ("name", "target"):
             if name in self.words and self.words[name][row]:
                 return str(self.words[name][row])
-        return f"target {row + 1}"
+        return self.joint_file.rows[row] if self.joint_file else f"target {row + 1}"
 
     def check(self, arm: Arm) -> None:
         """Check that they can be targets of an arm.

@@ -46,6 +46,7 @@ def read_gcode(content: bytes, arm: Arm, direction: TargetDirection) -> JointFil
     words = _NUMBERED if numbered else _LETTERED
     wanted = [str(i + 1) for i in range(arm.n_joints)] if numbered else list(LETTERS[: arm.n_joints])
     rows: list[list[float]] = []
+    lines: list[str] = []
     spans: list[list[Span]] = []
     start = 0
     for number, line in enumerate(code.splitlines(keepends=True), start=1):
@@ -61,6 +62,7 @@ def read_gcode(content: bytes, arm: Arm, direction: TargetDirection) -> JointFil
                     hint=f"write {'J1= ..' if numbered else ', '.join(wanted)} on every line that moves a joint",
                 )
             rows.append([float(found[name][2]) for name in wanted])
+            lines.append(f"line {number}")
             spans.append([Span(start + found[name].start(2), start + found[name].end(2)) for name in wanted])
         start += len(line)
     if not rows:
@@ -71,4 +73,4 @@ def read_gcode(content: bytes, arm: Arm, direction: TargetDirection) -> JointFil
         made = edited(text, spans, values, after, scale.gain)
         return marked(made, words, "({})", after="%").encode("latin-1")
 
-    return JointFile(TITLE, values, scale, written)
+    return JointFile(TITLE, values, scale, written, lines)

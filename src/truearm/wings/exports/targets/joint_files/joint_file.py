@@ -21,8 +21,9 @@ UNCHANGED = 1e-9
 # The unit of the last digit that is written is at most this share of a degree: 2 um at 1 m.
 _DIGIT = 1e-4
 _MARK = re.compile(r"truearm (command|feedback) ([0-9a-f]{8})")
-# Joints that have names instead of numbers, base to tip.
+# Joints that have names instead of numbers, base to tip, and the arms that have them: axes 2, 3 and 4 are parallel.
 _NAMED = (JOINTS, MOTORS)
+_PARALLEL = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +39,19 @@ class JointFile:
     scale : JointValues
         How they become joints [rad, or mm].
     content : callable
-        The content with other values, and a mark of what was done, as far as the file has a place for it.
+        The content with other values, and a mark of what was done.
+    rows : sequence of str
+        What each row of the values is called, such as ``line 7``.
+    remarks : tuple of str
+        What was taken for the joints, where the file leaves it open, and whether it has a place for the mark.
     """
 
     title: str
     values: FloatArray
     scale: JointValues
     content: Callable[[FloatArray, str], bytes]
+    rows: Sequence[str]
+    remarks: tuple[str, ...] = ()
 
     @property
     def joints(self) -> FloatArray:
@@ -97,13 +104,30 @@ def places_of(names: Sequence[str], arm: Arm) -> list[int] | None:
     The names are those of the arm, those that a program gives its joints, or have the joints' numbers in them.
     """
     n = arm.n_joints
-    for known in (arm.joint_names, *_NAMED):
-        if len(known) == n and set(known) <= set(names) and len(set(names)) == len(names):
+    for known in _known_names(arm):
+        if set(known) <= set(names) and len(set(names)) == len(names):
             return [list(names).index(name) for name in known]
     numbers = [re.findall(r"\d+", name)[-1:] for name in names]
     if len(names) == n and sorted(int(one[0]) if one else 0 for one in numbers) == list(range(1, n + 1)):
         return [numbers.index([str(i)]) if [str(i)] in numbers else -1 for i in range(1, n + 1)]
     return None
+
+
+def _known_names(arm: Arm) -> list[tuple[str, ...]]:
+    are_parallel = arm.n_joints > 3 and bool(np.abs(arm.chain.fixed[2:4, 2, 2]).min() > _PARALLEL)
+    return [arm.joint_names, *(names for names in _NAMED if are_parallel and len(names) == arm.n_joints)]
+
+
+def wrong_names(names: Sequence[str], arm: Arm) -> InputError | None:
+    """Which joints of an arm named ones lack, and which are others; None where none of them has a name of its own."""
+    known = max(_known_names(arm), key=lambda one: len(set(one) & set(names)))
+    lacking, others = ([a for a in one if a not in other] for one, other in ((known, names), (names, known)))
+    if len(lacking) == len(known):
+        return None
+    return InputError(
+        f"expected the joints {', '.join(known)}: {', '.join(lacking) or 'none'} missing"
+        + f", {', '.join(others)[:200]} unknown" * bool(others)
+    )
 
 
 def marked(text: str, words: str, comment: str, *, after: str = "") -> str:

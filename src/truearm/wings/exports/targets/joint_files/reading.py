@@ -10,11 +10,13 @@ from truearm.files.file_reading import check_readable, read_limited
 from truearm.wings.exports.targets import TargetDirection
 from truearm.wings.exports.targets.joint_files import gcode, tables, trajectories
 from truearm.wings.exports.targets.joint_files.joint_file import JointFile, is_marked
+from truearm.wings.exports.targets.lerobot_motors import check_no_data_set
 
 MAX_BYTES = 64 * 2**20
 # A parser of YAML takes some microseconds a byte.
 MAX_YAML_BYTES = 8 * 2**20
-SUFFIXES = (*trajectories.SUFFIXES, *gcode.SUFFIXES, ".parquet")
+# The unit of those that have one.
+_UNITS = {**dict.fromkeys(trajectories.SUFFIXES, "rad"), **dict.fromkeys(gcode.SUFFIXES, "deg")}
 
 
 def read_joint_file(
@@ -38,7 +40,18 @@ def read_joint_file(
     InputError
         If the file is damaged, of another arm, or corrected in this direction already.
     """
+    check_no_data_set(path)
     suffix = path.suffix.lower()
+    unit = _UNITS.get(suffix)
+    if unit is not None and (angle_unit not in (None, unit) or motors):
+        option = "--motors" if motors else f"--angle-unit {angle_unit}"
+        raise InputError(f"{option} does not apply: joints in {suffix} are in {unit}", file=path, hint="omit it")
+    if suffix == ".json":
+        raise InputError(
+            "JSON has no place to say that a file is corrected, so that it would be corrected twice",
+            file=path,
+            hint="save the same text under a name that ends in .yaml: JSON is YAML, which has comments",
+        )
     try:
         if suffix == ".parquet":
             check_readable(path, limit_bytes=MAX_BYTES)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from truearm.arm import Arm
+from truearm.arm.ur_kinematics import JOINTS
 from truearm.errors import InputError, extra_module
 from truearm.readings.columns import ANGLE
 from truearm.typing import FloatArray
@@ -22,8 +23,16 @@ from truearm.wings.exports.targets.joint_files.joint_file import (
     edited,
     places_of,
     turning_scale,
+    wrong_names,
 )
-from truearm.wings.exports.targets.lerobot_motors import MOTORS, JointValues, joint_values, motors_and_arm
+from truearm.wings.exports.targets.lerobot_motors import (
+    MOTORS,
+    JointValues,
+    Motors,
+    check_motor_values,
+    joint_values,
+    motors_and_arm,
+)
 
 # Of LeRobot's datasets: what the motors should do, and what they did.
 COMMANDED, READ = "action", "observation.state"
@@ -34,34 +43,64 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 SEPARATORS = ",;\t"
 # Of a value whose last digit is that of the encoder: no decimals [rad].
 _WHOLE = 1e-9
+NO_MARK = "A CSV file has no place to say that it is corrected: truearm cannot refuse to correct it again."
 _METADATA = "truearm "  # and the column of lists
 
 
-def list_column(names: Sequence[str], direction: TargetDirection) -> str | None:
-    """The column of LeRobot's lists that a direction is about; None without one."""
-    wanted = (COMMANDED, READ) if direction == "command" else (READ,)
-    return next((name for name in wanted if name in names), None)
+def plain_names(names: Sequence[str], lists: str) -> list[str]:
+    """Names of columns without what stands before and behind a joint's name; empty for those of the other lists."""
+    other = READ if lists == COMMANDED else COMMANDED
+    return ["" if f"{name}.".startswith(f"{other}.") else _BEFORE.sub("", name) for name in names]
 
 
 def motor_columns(names: Sequence[str], lists: str) -> list[str] | None:
-    """Columns of LeRobot's motors, base to tip: one each, or the first numbers of its lists; None without them."""
-    plain = [_BEFORE.sub("", name) for name in names]
-    for found in (plain, names):
-        if all(motor in found for motor in MOTORS):
-            return [names[list(found).index(motor)] for motor in MOTORS]
-    of_lists = [f"{lists}[{i}]" for i in range(len(MOTORS))]
-    return of_lists if set(of_lists) <= set(names) else None
+    """Columns of LeRobot's motors, base to tip: one each, or the first numbers of its lists; None without them.
+
+    Raises
+    ------
+    InputError
+        If the lists have other numbers than those of one arm.
+    """
+    plain = plain_names(names, lists)
+    if set(MOTORS) <= set(plain):
+        return [names[plain.index(motor)] for motor in MOTORS]
+    count = sum(bool(re.fullmatch(rf"{re.escape(lists)}\[\d+\]", name)) for name in names)
+    if count:
+        check_list_length(lists, count)
+    return [f"{lists}[{i}]" for i in range(len(MOTORS))] if count else None
+
+
+def check_list_length(name: str, count: int) -> None:
+    """Check that lists are of the motors of one arm, with or without its gripper.
+
+    Raises
+    ------
+    InputError
+    """
+    if count not in (len(MOTORS), len(MOTORS) + 1):
+        raise InputError(
+            f"expected 5 or 6 numbers of one arm in {name}, got {count}: they do not say which are the arm's",
+            hint="a table with a column for each joint, shoulder_pan.pos and so on, of one arm",
+        )
 
 
 class _Meaning:
-    """Which columns of a table are joints, and the scale of their values."""
+    """Which columns of a table are joints, the scale of their values, and what is said of it."""
 
     def __init__(
         self, names: Sequence[str], arm: Arm, direction: TargetDirection, unit: str | None, motors: str
     ) -> None:
-        self.list_name = list_column(names, direction)
-        plain = [_BEFORE.sub("", name) for name in names]
-        of_motors = motor_columns(names, "")
+        lists = COMMANDED if direction == "command" else READ
+        other = READ if direction == "command" else COMMANDED
+        self.list_name = lists if lists in names else None
+        plain = plain_names(names, lists)
+        of_motors = motor_columns(names, lists)
+        if self.list_name is None and of_motors is None and any(f"{name}.".startswith(f"{other}.") for name in names):
+            raise InputError(
+                f"--direction {direction} is about {lists}, and the table has {other} only",
+                hint=f"--direction {'feedback' if lists == COMMANDED else 'command'}, or rename {other} to {lists} if "
+                "its numbers are that",
+            )
         is_lerobot = self.list_name is not None or of_motors is not None
         self.columns: list[int] = []
         if self.list_name is not None:
@@ -73,19 +112,35 @@ class _Meaning:
         elif not any(map(ANGLE.fullmatch, names)) and (places := places_of(plain, arm)) is not None:
             self.columns = places
         self.scale: JointValues
+        self._unit = unit if is_lerobot else None
+        self._motors: Motors | None = None
         if not self.columns:
+            # Most joints of the arm: a table of joints that lacks one.
+            known = [name for name in plain if name in (*arm.joint_names, *JOINTS, *MOTORS)]
+            is_other = any(map(ANGLE.fullmatch, names)) or len(known) < arm.n_joints // 2 + 1
+            if not is_other and (error := wrong_names(known, arm)):
+                raise error
             return
+        of_lists = f"the first {arm.n_joints} numbers of " * (self.list_name is not None)
+        self.said = f"Joints: {of_lists}{', '.join(names[i] for i in self.columns)} ({unit})."
         if is_lerobot:
             if arm.n_joints != len(MOTORS):
                 raise InputError(f"expected the model of an SO-100 or SO-101, got one of {arm.name!r}")
-            calibration, stated = motors_and_arm(motors)
-            self.scale = joint_values(unit, calibration, stated or arm.name)
+            self._motors, stated = motors_and_arm(motors)
+            self.scale = joint_values(unit, self._motors, stated or arm.name)
+        elif motors:
+            raise InputError("--motors is of LeRobot's columns, and these are others", hint="omit it")
         elif unit in ("deg", "rad"):
             self.scale = turning_scale(arm, unit)
         else:
             raise InputError(
                 "the columns of joints do not say their unit", hint="--angle-unit deg or rad (sliding joints mm or m)"
             )
+
+    def check(self, values: FloatArray, rows: Sequence[str]) -> None:
+        """Check that values of LeRobot can be in their unit; see `check_motor_values`."""
+        if self._unit is not None:
+            check_motor_values(values, rows, unit=self._unit, motors=self._motors)
 
 
 def read_csv(content: bytes, arm: Arm, direction: TargetDirection, unit: str | None, motors: str) -> JointFile | None:
@@ -97,6 +152,8 @@ def read_csv(content: bytes, arm: Arm, direction: TargetDirection, unit: str | N
         If the unit is not stated, or a row has no number for a joint.
     """
     text = content.decode("latin-1")
+    if text.startswith("#"):  # a table of targets
+        return None
     head = text[: text.find("\n") + 1 or len(text)]
     separator = max(SEPARATORS, key=head.count)
     mark = "\u00ef\u00bb\u00bf"  # the byte order mark, as Latin-1 has it
@@ -107,6 +164,7 @@ def read_csv(content: bytes, arm: Arm, direction: TargetDirection, unit: str | N
     check_not_corrected(text, direction)
     values: list[list[float]] = []
     spans: list[list[Span]] = []
+    rows: list[str] = []
     for line, cells in enumerate(_cells(text, separator)[1:], start=2):
         if len(cells) == 1 and not text[slice(*cells[0])].strip():
             continue
@@ -116,20 +174,25 @@ def read_csv(content: bytes, arm: Arm, direction: TargetDirection, unit: str | N
             Span(cells[column].start + one.start(), cells[column].start + one.end())
             for column in meaning.columns
             for one in _NUMBER.finditer(text[slice(*cells[column])])
-        ][: arm.n_joints if meaning.list_name else None]
+        ]
+        if meaning.list_name:
+            check_list_length(meaning.list_name, len(found))
+            found = found[: arm.n_joints]
         if len(found) != arm.n_joints:
             raise InputError(f"expected {arm.n_joints} numbers of joints, got {len(found)}", line=line)
         spans.append(found)
+        rows.append(f"line {line}")
         values.append([float(text[slice(*span)]) for span in found])
     if not values:
         raise InputError("expected at least one row of joints, got none")
     before = np.array(values)
+    meaning.check(before, rows)
     digits = np.full(arm.n_joints, _WHOLE) if unit == "counts" else meaning.scale.gain
 
     def written(after: FloatArray, _: str) -> bytes:
         return edited(text, spans, before, after, digits).encode("latin-1")
 
-    return JointFile(TITLE, before, meaning.scale, written)
+    return JointFile(TITLE, before, meaning.scale, written, rows, (meaning.said, NO_MARK))
 
 
 def _cells(text: str, separator: str) -> list[list[Span]]:
@@ -175,9 +238,16 @@ def read_parquet(path: Path, arm: Arm, direction: TargetDirection, unit: str | N
     done = metadata.get(key, b"").decode("latin-1")
     check_not_corrected(done, direction)
     columns = [_numbers(table, i) for i in meaning.columns]
+    if meaning.list_name:
+        check_list_length(meaning.list_name, columns[0].shape[1])
     before = np.hstack([one[:, : arm.n_joints] for one in columns])
+    rows = [f"row {i + 1}" for i in range(len(before))]
     if not len(before) or before.shape[1] != arm.n_joints or not np.isfinite(before).all():
-        raise InputError(f"expected {arm.n_joints} numbers of joints in every row")
+        bad = np.flatnonzero(~np.isfinite(before).all(axis=1))
+        raise InputError(
+            f"expected {arm.n_joints} numbers of joints in every row", row=rows[bad[0]] if len(bad) else None
+        )
+    meaning.check(before, rows)
 
     def written(after: FloatArray, words: str) -> bytes:
         made = table
@@ -194,7 +264,7 @@ def read_parquet(path: Path, arm: Arm, direction: TargetDirection, unit: str | N
         pq.write_table(made, stream)
         return stream.getvalue()
 
-    return JointFile(TITLE, before, meaning.scale, written)
+    return JointFile(TITLE, before, meaning.scale, written, rows, (meaning.said,))
 
 
 def _numbers(table: Any, column: int) -> FloatArray:

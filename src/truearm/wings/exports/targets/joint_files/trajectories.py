@@ -1,4 +1,4 @@
-"""ROS's trajectories: JointTrajectory messages as YAML or JSON, wherever in the document they stand; rad, and m."""
+"""ROS's trajectories: JointTrajectory messages as YAML, wherever in the document they stand; rad, and m."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from truearm.wings.exports.targets.joint_files.joint_file import (
     marked,
     places_of,
     turning_scale,
+    wrong_names,
 )
 
-SUFFIXES = (".yaml", ".yml", ".json")
+SUFFIXES = (".yaml", ".yml")
 TITLE = "ROS trajectory"
 # What follows the message as `ros2 topic echo` prints it.
 _END = re.compile(r"^---\s*\Z", re.MULTILINE)
@@ -43,13 +44,16 @@ def read_trajectory(content: bytes, arm: Arm, direction: TargetDirection) -> Joi
     check_not_corrected(text, direction)
     root = parse_yaml(text.encode())
     rows: list[list[float]] = []
+    lines: list[str] = []
     spans: list[list[Span]] = []
     for trajectory in _trajectories(root):
         names = [one.text or "" for one in trajectory["joint_names"].items or ()]
         places = places_of(names, arm)
         if places is None:
+            shown = ", ".join(names)[:200] or "none"
+            error = wrong_names(names, arm) or InputError(f"expected joints {', '.join(arm.joint_names)}, got {shown}")
             raise InputError(
-                f"the joints {', '.join(names)[:200]} are not those of the arm, {', '.join(arm.joint_names)}",
+                error.problem,
                 line=trajectory["joint_names"].line,
                 hint="give the model's arm the names of the driver: name = .. of each joint in its arm file",
             )
@@ -60,17 +64,16 @@ def read_trajectory(content: bytes, arm: Arm, direction: TargetDirection) -> Joi
                 raise InputError(f"expected {len(names)} positions, got {len(found)}", line=positions.line)
             rows.append([found[i].number(f"the position of {names[i]}") for i in places])
             spans.append([Span(*found[i].span) for i in places])
+            lines.append(f"line {positions.line}")
     if not rows:
         raise InputError("expected a trajectory with joint_names and points, got none")
     values, scale = np.array(rows), turning_scale(arm, "rad")
 
     def written(after: FloatArray, words: str) -> bytes:
         made = edited(text, spans, values, after, scale.gain) + whole[len(text) :]
-        if not whole.lstrip().startswith("{"):  # JSON has no comments
-            made = marked(made, words, "# {}")
-        return mark + made.encode()
+        return mark + marked(made, words, "# {}").encode()
 
-    return JointFile(TITLE, values, scale, written)
+    return JointFile(TITLE, values, scale, written, lines)
 
 
 def _is_utf8(content: bytes) -> bool:
