@@ -104,7 +104,7 @@ def places_of(names: Sequence[str], arm: Arm) -> list[int] | None:
     The names are those of the arm, those that a program gives its joints, or have the joints' numbers in them.
     """
     n = arm.n_joints
-    for known in _known_names(arm):
+    for known in known_names(arm):
         if set(known) <= set(names) and len(set(names)) == len(names):
             return [list(names).index(name) for name in known]
     numbers = [re.findall(r"\d+", name)[-1:] for name in names]
@@ -113,14 +113,15 @@ def places_of(names: Sequence[str], arm: Arm) -> list[int] | None:
     return None
 
 
-def _known_names(arm: Arm) -> list[tuple[str, ...]]:
+def known_names(arm: Arm) -> list[tuple[str, ...]]:
+    """The names that an arm's joints can have in a file, base to tip: its own, and those of programs for such arms."""
     are_parallel = arm.n_joints > 3 and bool(np.abs(arm.chain.fixed[2:4, 2, 2]).min() > _PARALLEL)
     return [arm.joint_names, *(names for names in _NAMED if are_parallel and len(names) == arm.n_joints)]
 
 
 def wrong_names(names: Sequence[str], arm: Arm) -> InputError | None:
     """Which joints of an arm named ones lack, and which are others; None where none of them has a name of its own."""
-    known = max(_known_names(arm), key=lambda one: len(set(one) & set(names)))
+    known = max(known_names(arm), key=lambda one: len(set(one) & set(names)))
     lacking, others = ([a for a in one if a not in other] for one, other in ((known, names), (names, known)))
     if len(lacking) == len(known):
         return None

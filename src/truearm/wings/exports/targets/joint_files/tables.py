@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from truearm.arm import Arm
-from truearm.arm.ur_kinematics import JOINTS
 from truearm.errors import InputError, extra_module
 from truearm.readings.columns import ANGLE
 from truearm.typing import FloatArray
@@ -21,6 +20,7 @@ from truearm.wings.exports.targets.joint_files.joint_file import (
     Span,
     check_not_corrected,
     edited,
+    known_names,
     places_of,
     turning_scale,
     wrong_names,
@@ -116,7 +116,7 @@ class _Meaning:
         self._motors: Motors | None = None
         if not self.columns:
             # Most joints of the arm: a table of joints that lacks one.
-            known = [name for name in plain if name in (*arm.joint_names, *JOINTS, *MOTORS)]
+            known = [name for name in plain if any(name in names for names in known_names(arm))]
             is_other = any(map(ANGLE.fullmatch, names)) or len(known) < arm.n_joints // 2 + 1
             if not is_other and (error := wrong_names(known, arm)):
                 raise error
