@@ -50,6 +50,13 @@ def test_a_robot_that_floats_stands_and_fingers_are_no_part_of_the_arm(written):
     assert "hand" in found.remarks[0]
 
 
+def test_files_of_what_is_seen_change_no_pose(written):
+    included = '<asset><include file="meshes.xml"/></asset><visual><include file="v.xml"/></visual>'
+    joints = '<body pos="1 0 0"><joint class="main"/></body>'
+    arm = ta.load_arm(written(f"<mujoco>{included}<worldbody>{joints}</worldbody></mujoco>"))
+    np.testing.assert_allclose(arm.chain.tip_in_base(np.zeros((1, 1))), [[1000, 0, 0]], rtol=0, atol=1e-9)  # mm
+
+
 def test_several_joints_of_one_body_turn_one_after_the_other(written):
     joints = '<joint name="a" axis="0 0 1"/><joint name="b" axis="1 0 0" pos="0 0 0.1"/>'
     path = written(f'<mujoco><worldbody><body>{joints}<site name="tip" pos="0 0.5 0"/></body></worldbody></mujoco>')
@@ -58,6 +65,7 @@ def test_several_joints_of_one_body_turn_one_after_the_other(written):
     np.testing.assert_allclose(tip, [[-100, 0, 600]], rtol=0, atol=1e-9)
 
 
+WITH = "<mujoco>{}<worldbody><body {}><joint/></body></worldbody></mujoco>"
 BODY = "<mujoco><worldbody><body>{}</body></worldbody></mujoco>"
 
 
@@ -66,8 +74,15 @@ BODY = "<mujoco><worldbody><body>{}</body></worldbody></mujoco>"
     [
         ("<robot name='a'/>", "a model of MuJoCo starts with <mujoco>"),
         ("<mujoco/>", "no <worldbody>"),
-        ('<mujoco><include file="/etc/passwd"/></mujoco>', "no <worldbody>.*the file that has the bodies"),
-        (BODY.format('<include file="arm.xml"/>'), "makes bodies that are not in the file"),
+        ('<mujoco><include file="/etc/passwd"/></mujoco>', "<include> has bodies .*the file that has the bodies"),
+        # It can have the unit of angles, or the axis of all joints.
+        (WITH.format('<include file="a.xml"/>', ""), "line 1: <include> has bodies or settings that are not in the fi"),
+        (WITH.format('<default><include file="a.xml"/></default>', ""), "<include> has bodies or settings"),
+        (BODY.format('<include file="arm.xml"/>'), "<include> has bodies or settings"),
+        (BODY.format('<joint class="no"/>'), "line 1: <joint> has the class 'no', which no <default> of the file def"),
+        (WITH.format("", 'childclass="no"'), "<body> has the class 'no', which no <default>"),
+        (WITH.format('<default class="arm"/>', ""), "expected this <default> with no class but 'main'"),
+        (WITH.format("<default><default/></default>", ""), "expected this <default> with a class of its own"),
         (BODY.format('<replicate count="9"/>'), "makes bodies that are not in the file"),
         ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "no XML with a DOCTYPE"),
         ("<mujoco><worldbody>", "not valid XML"),

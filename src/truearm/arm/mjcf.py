@@ -32,7 +32,10 @@ _LENGTHS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 _JOINTS = ("joint", "freejoint")
 _KINDS = {"hinge": "revolute", "slide": "prismatic", "free": "floating", "ball": "floating"}
 # What makes bodies that are not in the file.
-_MAKERS = ("include", "attach", "replicate", "composite", "flexcomp")
+_MAKERS = ("attach", "replicate", "composite", "flexcomp")
+# Parts of a model in which another file cannot change poses.
+_WITHOUT_POSES = ("asset", "visual")
+_WHOLE_MODEL = "let MuJoCo write the whole model: mujoco.mj_saveLastXML"
 _EULER = re.compile(r"[xyzXYZ]{3}")
 
 
@@ -132,10 +135,13 @@ class _Settings:
         if not _EULER.fullmatch(self.sequence):
             raise InputError(f"expected eulerseq as three of x, y, z, X, Y, Z, got {self.sequence[:40]!r}")
         self.limits_by_range = compiler.get("autolimits", "true") == "true"
-        self.classes: dict[str, dict[str, str]] = {}
+        self.classes: dict[str, dict[str, str]] = {"main": {}}
         waiting = [(one, dict[str, str](), "main") for one in children(root, "default")]
         while waiting:
             node, given, name = waiting.pop()
+            if (is_top := name == "main") != (node.get("class", name) == "main") or not node.get("class", name):
+                expected = "no class but 'main'" if is_top else "a class of its own"
+                raise InputError(f"expected this <default> with {expected}", line=node.line)
             name = node.get("class", name)
             values = dict(given)
             for one in children(node, "joint"):
@@ -143,9 +149,19 @@ class _Settings:
             self.classes[name] = self.classes.get(name, {}) | values
             waiting += [(one, values, "") for one in children(node, "default")]
 
+    def class_of(self, element: Element, attribute: str, default: str) -> str:
+        """The class that an element states for itself or its children; refused if the file has no such class."""
+        name = element.get(attribute, default)
+        if name not in self.classes:
+            raise InputError(
+                f"<{element.tag}> has the class {name[:40]!r}, which no <default> of the file defines",
+                line=element.line,
+            )
+        return name
+
     def of_joint(self, joint: Element, childclass: str) -> dict[str, str]:
         """Attributes of a joint with those of its class."""
-        return {**self.classes.get(joint.get("class", childclass), {}), **joint.attrib}
+        return {**self.classes[self.class_of(joint, "class", childclass)], **joint.attrib}
 
     def pose(self, element: Element) -> FloatArray:
         """Frame [mm] of a body, a frame or a site in what it is in."""
@@ -182,10 +198,26 @@ class _Settings:
         return np.column_stack([x, y, np.cross(x, y)])
 
 
+def _check_complete(root: Element) -> None:
+    """Refuse a model whose bodies, classes or angles can be in another file."""
+    waiting = [root]
+    while waiting:
+        inside = [one for one in waiting.pop() if isinstance(one, Element) and one.tag not in _WITHOUT_POSES]
+        for one in inside:
+            if one.tag == "include":
+                raise InputError(
+                    "<include> has bodies or settings that are not in the file",
+                    line=one.line,
+                    hint=f"give the file that has the bodies, or {_WHOLE_MODEL}",
+                )
+        waiting += inside
+
+
 class _Reading:
     """The bodies of a model, made links and joints of a URDF."""
 
     def __init__(self, root: Element) -> None:
+        _check_complete(root)
         self.settings = _Settings(root)
         self.root = root
         self.robot = _made("robot", root, name=root.get("model", "mujoco"))
@@ -199,11 +231,10 @@ class _Reading:
     def result(self) -> MjcfRobot:
         worlds = children(self.root, "worldbody")
         if not worlds:
-            hint = "give the file that has the bodies" if children(self.root, "include") else None
-            raise InputError("the model has no <worldbody>", line=self.root.line, hint=hint)
+            raise InputError("the model has no <worldbody>", line=self.root.line)
         self._add_link(WORLD, self.root)
         # What a link holds, what it is fixed to, and the class of its children.
-        waiting = [(world, WORLD, world.get("childclass", "main")) for world in reversed(worlds)]
+        waiting = [(world, WORLD, self.settings.class_of(world, "childclass", "main")) for world in reversed(worlds)]
         while waiting:
             holder, link, childclass = waiting.pop()
             inside = []
@@ -212,11 +243,9 @@ class _Reading:
                     continue
                 if one.tag in _MAKERS:
                     raise InputError(
-                        f"<{one.tag}> makes bodies that are not in the file",
-                        line=one.line,
-                        hint="let MuJoCo write the whole model: mujoco.mj_saveLastXML",
+                        f"<{one.tag}> makes bodies that are not in the file", line=one.line, hint=_WHOLE_MODEL
                     )
-                below = one.get("childclass", childclass)
+                below = self.settings.class_of(one, "childclass", childclass)
                 if one.tag == "body":
                     inside.append((one, self._body(one, link, below), below))
                 elif one.tag == "frame":
