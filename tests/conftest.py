@@ -11,7 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from command_line import made, refused, snapshot, truearm
 
@@ -28,7 +28,7 @@ sys.dont_write_bytecode = False
 gc.disable()
 
 # A suite that passed passes again: what hypothesis tries hangs on the test alone, and a busy machine fails none.
-settings.register_profile("fixed", derandomize=True, deadline=None)
+settings.register_profile("fixed", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("fixed")
 
 
