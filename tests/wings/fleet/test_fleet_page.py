@@ -34,7 +34,9 @@ def path(tmp_path_factory):
     return found
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(420, "light"), (900, "dark"), (1400, "light")])
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(420, "dark"), (1400, "light"), pytest.param(900, "dark", marks=pytest.mark.weekly)]
+)
 def test_it_keeps_what_all_pages_promise(chromium, path, width, scheme):
     check_page(chromium, path, width=width, scheme=scheme)
 

@@ -15,6 +15,8 @@ def path(chromium, tmp_path_factory):  # without a browser nothing is made
     return path
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(420, "light"), (900, "dark"), (1400, "light")])
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(420, "dark"), (1400, "light"), pytest.param(900, "dark", marks=pytest.mark.weekly)]
+)
 def test_the_reproduction_keeps_what_all_pages_promise(chromium, path, width, scheme):
     check_page(chromium, path, width=width, scheme=scheme)

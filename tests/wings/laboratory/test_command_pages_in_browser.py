@@ -54,7 +54,9 @@ def folder(chromium, truearm, made, tmp_path_factory):  # without a browser noth
     return made_in
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(420, "light"), (900, "dark"), (1400, "light")])
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(420, "dark"), (1400, "light"), pytest.param(900, "dark", marks=pytest.mark.weekly)]
+)
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_page_keeps_what_all_pages_promise(chromium, folder, name, width, scheme):
     page = folder / f"{name}.html"
