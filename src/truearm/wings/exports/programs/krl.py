@@ -23,6 +23,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
+from truearm.wings.exports.programs.named_targets import NamedTarget, NamedTargets
 from truearm.wings.exports.programs.orientations import angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
     Condition,
@@ -36,11 +37,9 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
-    external_axes_note,
     line_end_of,
     text_start,
     transform,
-    unreached_note,
 )
 
 MAX_BYTES = 16 * 2**20
@@ -215,11 +214,11 @@ class Krl(Language):
         return Edit(at, at, b"; " + words.encode("ascii") + line_end_of(program.data))
 
 
-class _File:
+class _File(NamedTargets):
     """A file while it is read."""
 
     def __init__(self, data: bytes, beside: Surroundings) -> None:
-        self.data, self.beside = data, beside
+        super().__init__(data, beside)
         self.lines = list(_lines(data))
         self.types: dict[bytes, bytes] = {}
         self.fdat: dict[bytes, _Frames] = {}
@@ -236,10 +235,7 @@ class _File:
         self.increments: dict[bytes, int] = {}
         self.indexed: set[bytes] = set()
         self.is_accurate = False
-        self.left: list[LeftAlone] = []
-        self.notes: list[str] = []
         self.found: list[tuple[bytes | None, str, int, _Value, _Frames]] = []
-        self.moves: list[tuple[Move, bytes | int | None]] = []
         self.given: list[tuple[_Line, re.Match[bytes]]] = []
 
     def program(self) -> Program:
@@ -265,30 +261,20 @@ class _File:
                 self.left.append(LeftAlone(move.line, _text(goal), reason))
         texts = (text for lines in (*others, self.lines) for line in lines for text in _STATUS.findall(line.code))
         self.is_accurate = any(_is_accurate(text) for text in texts)
-        targets: list[Target] = []
-        numbers: dict[bytes | int | None, int] = {}
-        unreached: list[str] = []
-        for key, found in enumerate(self.found):
-            if (target := self._target(*found)) is not None:
-                numbers[key] = numbers[found[0] or key] = len(targets)
-                if not self._is_reached(found[0]):
-                    unreached.append(found[1])
-                if (at := self.factors.get((found[0] or b"").partition(b"[")[0])) is not None:
-                    name = found[1]
-                    self.notes.append(f"{name} is used in a computation in line {at}: the result has its correction.")
-                targets.append(target)
-        moves = tuple(move._replace(target=numbers.get(goal)) for move, goal in self.moves)
         external = [
             [value.numbers[name].value if name in value.numbers else 0.0 for name in _EXTERNAL]
             for *_, value, _ in self.found
         ]
-        return Program(
-            self.data,
-            tuple(targets),
-            tuple(self.left),
-            moves,
-            (*self.notes, *unreached_note(unreached), *external_axes_note(external, self.beside.known_axes)),
-        )
+        return self.of(self._named(), external)
+
+    def _named(self) -> Iterator[NamedTarget]:
+        for found in self.found:
+            word, name, line, *_ = found
+            made = self._target(*found)
+            at = self.factors.get((word or b"").partition(b"[")[0])
+            if at is not None and not isinstance(made, str):
+                self.notes.append(f"{name} is used in a computation in line {at}: the result has its correction.")
+            yield NamedTarget(word, name, line, made, self._is_reached(word))
 
     def _is_reached(self, word: bytes | None) -> bool:
         """Whether a move goes to a target, or an FDAT says that it was taught for one."""
@@ -547,28 +533,22 @@ class _File:
         self.found.append((word, name, line, value, frames))
         return len(self.found) - 1
 
-    def _target(self, word: bytes | None, name: str, line: int, value: _Value, frames: _Frames) -> Target | None:
+    def _target(self, word: bytes | None, name: str, line: int, value: _Value, frames: _Frames) -> Target | str:
         numbers, stated = value.numbers, {frames} if word is None else set(self.uses[word])
-
-        def left(reason: str) -> None:
-            self.left.append(LeftAlone(line, name, reason, is_literal=True))
 
         part = self.parts.get(word or b"") or self.parts.get((word or b"").partition(b"[")[0])
         if part is not None:
-            left(f"its {part[0]} is overwritten in line {part[1]}")
-            return None
+            return f"its {part[0]} is overwritten in line {part[1]}"
         taught = None if word is None or not word.startswith(b"X") else self.fdat.get(b"F" + word[1:])
         if taught is not None and not stated - {(None, None)}:
             stated = {taught}
         stated = stated or {(None, None)}
         if len(stated) > 1:
-            left("it is used with several tools or bases: one target cannot have two corrections")
-            return None
+            return "it is used with several tools or bases: one target cannot have two corrections"
         tool, base = stated.pop()
         if any(name in numbers for name in _JOINTS):
             if not set(_JOINTS) <= set(numbers):
-                left("some of A1 to A6 are missing: those keep the last value")
-                return None
+                return "some of A1 to A6 are missing: those keep the last value"
             joints = np.radians([numbers[axis].value for axis in _JOINTS])
             frame = self._frame(b"TOOL", tool)[0]
             return Target(
@@ -581,20 +561,16 @@ class _File:
                 external=value.external,
             )
         if not set(_POSE) <= set(numbers):
-            left("some of X, Y, Z, A, B, C are missing: those keep the last value")
-            return None
+            return "some of X, Y, Z, A, B, C are missing: those keep the last value"
         conditions: tuple[Condition, ...] = ()
         if self.is_accurate and not ("S" in numbers and (_whole(numbers["S"].text) or 0) & 16):
-            left("of an absolutely accurate robot by other points (bit 4 of S), whose controller corrects already")
-            return None
+            return "of an absolutely accurate robot by other points (bit 4 of S), whose controller corrects already"
         if {"S", "T"} <= set(numbers):
             status, turn = (_whole(numbers[one].text) for one in "ST")
             if status is None or turn is None or status & 8 or not 0 <= turn < 64 or status > 31:
-                left("its S and T are none of a six-axis arm")
-                return None
+                return "its S and T are none of a six-axis arm"
             if status & 16:
-                left("it was taught with an absolutely accurate robot (bit 4 of S), whose controller corrects already")
-                return None
+                return "it was taught with an absolutely accurate robot (bit 4 of S), whose controller corrects already"
             conditions = _conditions(status, turn)
         frames_found = [self._frame(b"TOOL", tool), self._frame(b"BASE", base)]
         if base in self.machines and (b"BASE", base) in self.frames and (b"BASE", base) not in self.changed:
@@ -604,8 +580,7 @@ class _File:
             frames_found[1] = lacking if isinstance(carried, str) else (carried, "")
         lacks = next((why for frame, why in frames_found if frame is None), None)
         if lacks is not None:
-            left(lacks)
-            return None
+            return lacks
         return Target(
             name,
             line,

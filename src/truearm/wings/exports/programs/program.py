@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple
@@ -24,7 +24,6 @@ from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.numbers import NOT_THERE as NOT_THERE
 from truearm.wings.exports.programs.numbers import Number as Number
 
-_NAMED = 5
 _UTF8 = b"\xef\xbb\xbf"
 N_AXES = 6  # of a robot that is no SCARA
 
@@ -355,37 +354,6 @@ def line_end_of(data: bytes) -> bytes:
     """The line end that a program uses first."""
     found = re.search(rb"\r\n|\n|\r", data)
     return b"\n" if found is None else found[0]
-
-
-def unreached_note(names: Iterable[str]) -> Iterator[str]:
-    """A note on corrected targets that no move of the file goes to."""
-    all_names = list(dict.fromkeys(names))
-    if all_names:
-        shown = ", ".join(all_names[:_NAMED]) + (" and others" if len(all_names) > _NAMED else "")
-        yield f"No move of this file goes to {shown}: make sure that none is a limit, a tolerance or a difference."
-
-
-def external_axes_note(rows: Iterable[Sequence[float]], known: Iterable[int | None]) -> Iterator[str]:
-    """Notes on external axes that move or stand away from zero, but those that are `known`.
-
-    `rows` have an axis' value, or 9E9, in every column.
-    """
-    there = [{value for value in axis if abs(value) < NOT_THERE} for axis in zip(*rows, strict=True)]
-    there = [set() if number in known else values for number, values in enumerate(there, 1)]
-    moving = [str(number) for number, values in enumerate(there, 1) if len(values) > 1]
-    if moving:
-        yield (
-            f"External axis {', '.join(moving)} moves between targets: if it carries the robot (a rail), the base "
-            "moves with it, and the corrections of Cartesian targets are wrong."
-        )
-    standing = [
-        f"{number} at {min(values):g}" for number, values in enumerate(there, 1) if len(values) == 1 and any(values)
-    ]
-    if standing:
-        yield (
-            f"External axis {', '.join(standing)} at all targets: if it carries the robot (a rail), state in --frames "
-            "where the base then is."
-        )
 
 
 def transform(R: FloatArray, position_mm: npt.ArrayLike) -> FloatArray:

@@ -20,6 +20,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
+from truearm.wings.exports.programs.named_targets import NamedTarget, NamedTargets
 from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
     NOT_THERE,
@@ -35,11 +36,9 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
-    external_axes_note,
     line_end_of,
     text_start,
     transform,
-    unreached_note,
 )
 
 _TOKEN = re.compile(
@@ -177,11 +176,11 @@ def _is_encoded(data: bytes) -> bool:
     return data[:1] in (b"\xfc", b"\xfe") and data[:2] != b"\xfe\xff" and b"\x00" in data
 
 
-class _Module:
+class _Module(NamedTargets):
     """A module while it is read."""
 
     def __init__(self, data: bytes, beside: Surroundings) -> None:
-        self.data, self.beside = data, beside
+        super().__init__(data, beside)
         self.line_of = Lines(data)
         self.tokens = list(_tokens(data))
         self.found: list[_Found] = []
@@ -192,10 +191,7 @@ class _Module:
         self.parts: dict[str, tuple[str, int]] = {}
         self.records: dict[bytes, list[bytes]] = {}
         self.uses: defaultdict[bytes, _Uses] = defaultdict(dict)
-        self.left: list[LeftAlone] = []
-        self.moves: list[tuple[Move, bytes | int | None]] = []
         self.follows = False
-        self.notes: list[str] = []
         self.external: list[list[float]] = []
         self.units: dict[bytes, tuple[str, FloatArray]] = {}
         self.resolved: dict[tuple[str, bytes], _Frame] = {}
@@ -206,17 +202,11 @@ class _Module:
         at = 0
         while at < len(self.tokens):
             at = self._statement(at)
-        targets: list[Target] = []
-        numbers: dict[bytes | int | None, int] = {}
-        unreached = []
-        for key, found in enumerate(self.found):
-            if (target := self._target(found)) is not None:
-                unreached += [] if found.uses else [found.name]
-                numbers[key] = numbers[found.name.encode("latin-1").lower()] = len(targets)
-                targets.append(target)
-        moves = tuple(move._replace(target=numbers.get(goal)) for move, goal in self.moves)
-        self.notes += [*unreached_note(unreached), *external_axes_note(self.external, self.beside.known_axes)]
-        return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
+        named = (
+            NamedTarget(one.name.encode("latin-1").lower(), one.name, one.line, self._target(one), bool(one.uses))
+            for one in self.found
+        )
+        return self.of(named, self.external)
 
     def _check_ends(self) -> None:
         words = [token.word for token in self.tokens if token.kind == "name"]
@@ -532,39 +522,30 @@ class _Module:
             i += 1
         raise InputError("a move has no end: the program is cut off", line=self._line(at - 1))
 
-    def _target(self, found: _Found) -> Target | None:
+    def _target(self, found: _Found) -> Target | str:
         kind, name, line, numbers, used, span, external = found
         values = {part: number.value for part, number in numbers.items()}
 
-        def left(reason: str) -> None:
-            self.left.append(LeftAlone(line, name, reason, is_literal=True))
-
         if max(map(abs, values.values())) > NOT_THERE:
-            left("a placeholder (9E9)")
-            return None
+            return "a placeholder (9E9)"
         part = self.parts.get(name.lower()) or self.parts.get(name.lower().partition("{")[0])
         if part is not None:
-            left(f"its {part[0]} is overwritten in line {part[1]}")
-            return None
+            return f"its {part[0]} is overwritten in line {part[1]}"
         if kind == b"jointtarget":
             if not used and (zone := self.zones.get(name.lower().encode("latin-1"))) is not None:
-                left(f"of a world zone (line {zone}), and no move goes to it")
-                return None
+                return f"of a world zone (line {zone}), and no move goes to it"
             tools = {tool for tool, _ in used}
             tool = self._resolved(self._tool, tools.pop())[0] if len(tools) == 1 else None
             joints = np.radians([values[f"j{i}"] for i in range(1, 7)])
             return Target(name, line, numbers, joints=joints, T_flange_tool=tool, span=span, external=external)
         q = [values[f"q{i}"] for i in range(1, 5)]
         if not any(q):
-            left("a placeholder: its quaternion is zero")
-            return None
+            return "a placeholder: its quaternion is zero"
         if abs(hypot(*q) - 1) > _UNIT:
-            left(f"its quaternion has the length {hypot(*q):.3g}")
-            return None
+            return f"its quaternion has the length {hypot(*q):.3g}"
         if len(used) > 1:
             both = " and ".join(f"{self._spelled(tool)} in {self._spelled(work)}" for tool, work in list(used)[:2])
-            left(f"it is used with {both}: one target cannot have two corrections")
-            return None
+            return f"it is used with {both}: one target cannot have two corrections"
         stated = next(iter(used), (b"", b""))
         tool_frame, lacks = self._resolved(self._tool, stated[0])
         work_frame, lacks_work = self._resolved(self._work, stated[1])
@@ -573,12 +554,10 @@ class _Module:
             carried = self.beside.frames.carried(unit, external, inner)
             work_frame, lacks_work = (None, f"{lacks_work}: {carried}") if isinstance(carried, str) else (carried, "")
         if tool_frame is None or work_frame is None:
-            left(lacks if tool_frame is None else lacks_work)
-            return None
+            return lacks if tool_frame is None else lacks_work
         conditions = _conditions(values)
         if conditions is None:
-            left("its configuration is none of a six-axis arm")
-            return None
+            return "its configuration is none of a six-axis arm"
         pose = transform(rotation_of_quaternion(q), [values[axis] for axis in "xyz"])
         return Target(
             name,

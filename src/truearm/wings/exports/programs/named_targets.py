@@ -1,0 +1,90 @@
+"""What readers of languages with named points do alike: targets, moves and notes of a program from what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from truearm.wings.exports.programs.numbers import NOT_THERE
+from truearm.wings.exports.programs.program import LeftAlone, Move, Program, Surroundings, Target
+
+_NAMED = 5
+
+
+class NamedTarget(NamedTuple):
+    """A literal target of a program.
+
+    Attributes
+    ----------
+    key : bytes or None
+        What moves call it, None without a name.
+    name : str
+    line : int
+    made : Target or str
+        The target, or why it is not changed.
+    is_reached : bool
+        Whether a move goes to it.
+    """
+
+    key: bytes | None
+    name: str
+    line: int
+    made: Target | str
+    is_reached: bool
+
+
+class NamedTargets:
+    """What is found while a file is read."""
+
+    def __init__(self, data: bytes, beside: Surroundings) -> None:
+        self.data, self.beside = data, beside
+        self.left: list[LeftAlone] = []
+        self.notes: list[str] = []
+        self.moves: list[tuple[Move, bytes | int | None]] = []
+
+    def of(self, found: Iterable[NamedTarget], external: Iterable[Sequence[float]]) -> Program:
+        """The program; `external` are the external axes of all targets, and goals of moves are names, or numbers."""
+        targets: list[Target] = []
+        numbers: dict[bytes | int | None, int] = {}
+        unreached: list[str] = []
+        for at, one in enumerate(found):
+            if isinstance(one.made, str):
+                self.left.append(LeftAlone(one.line, one.name, one.made, is_literal=True))
+                continue
+            unreached += [] if one.is_reached else [one.name]
+            numbers[at] = numbers[one.key or at] = len(targets)
+            targets.append(one.made)
+        moves = tuple(move._replace(target=numbers.get(goal)) for move, goal in self.moves)
+        self.notes += [*_unreached_note(unreached), *_external_axes_note(external, self.beside.known_axes)]
+        return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
+
+
+def _unreached_note(names: Iterable[str]) -> Iterator[str]:
+    """A note on corrected targets that no move of the file goes to."""
+    all_names = list(dict.fromkeys(names))
+    if all_names:
+        shown = ", ".join(all_names[:_NAMED]) + (" and others" if len(all_names) > _NAMED else "")
+        yield f"No move of this file goes to {shown}: make sure that none is a limit, a tolerance or a difference."
+
+
+def _external_axes_note(rows: Iterable[Sequence[float]], known: Iterable[int | None]) -> Iterator[str]:
+    """Notes on external axes that move or stand away from zero, but those that are `known`.
+
+    `rows` have an axis' value, or 9E9, in every column.
+    """
+    there = [{value for value in axis if abs(value) < NOT_THERE} for axis in zip(*rows, strict=True)]
+    there = [set() if number in known else values for number, values in enumerate(there, 1)]
+    moving = [str(number) for number, values in enumerate(there, 1) if len(values) > 1]
+    if moving:
+        yield (
+            f"External axis {', '.join(moving)} moves between targets: if it carries the robot (a rail), the base "
+            "moves with it, and the corrections of Cartesian targets are wrong."
+        )
+    standing = [
+        f"{number} at {min(values):g}" for number, values in enumerate(there, 1) if len(values) == 1 and any(values)
+    ]
+    if standing:
+        yield (
+            f"External axis {', '.join(standing)} at all targets: if it carries the robot (a rail), state in --frames "
+            "where the base then is."
+        )
