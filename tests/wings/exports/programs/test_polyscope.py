@@ -22,7 +22,7 @@ from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.polyscope import PolyScope
 from truearm.wings.exports.programs.program import Surroundings
 from truearm.wings.exports.programs.urscript import URScript
-from truearm.wings.exports.programs.xml_places import parse_nodes
+from truearm.wings.exports.programs.xml_places import MAX_DEPTH, parse_nodes
 
 LANGUAGE = PolyScope()
 Q = joints_of("ur10", 3)
@@ -203,3 +203,31 @@ def test_a_script_under_the_name_of_a_program_is_a_script():
     data = b"def a():\n  movej([0,0,0,0,0,0])\nend\n"
     assert not LANGUAGE.recognises(data)
     assert URScript().recognises(data)
+
+
+def test_references_that_refer_to_references_find_the_first():
+    n = 5000  # more than Python's stack has room for
+    chained = "".join(f'<a reference="../a[{i}]"/>' for i in range(1, n))
+    root = parse_nodes(
+        f'<r><a x="1"/>{chained}<b reference="../a[{n}]"/><c reference="../d"/><d/></r>'.encode()
+    ).children[0]
+    assert {node.resolved() for node in reversed(root.children[:-2])} == {root.children[0]}
+    assert root.child("b") is root.children[0]
+    assert root.child("c") is None  # a later one
+    assert root.child("e") is None
+
+
+def test_elements_are_nested_as_deep_as_programs_are():
+    deep = "<a>" * (MAX_DEPTH - 1) + "<b/>" + "</a>" * (MAX_DEPTH - 1)
+    innermost = list(parse_nodes(f"<r>{deep}</r>".encode()).walk())[-1]
+    assert innermost.tag == "b"
+    assert innermost.inside("r")
+    assert not innermost.inside("b")
+    with pytest.raises(InputError, match=f"line 2: expected at most {MAX_DEPTH} levels"):
+        parse_nodes(f"<r>\n<a>{deep}</a></r>".encode())
+
+
+@pytest.mark.parametrize("opening", ["<!--", "<![CDATA[", "<?x"])
+def test_what_does_not_end_is_looked_at_once(opening):
+    with pytest.raises(InputError, match="does not end"):
+        parse_nodes(b"<r>" + opening.encode() * 100_000)

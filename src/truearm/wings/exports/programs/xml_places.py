@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from truearm.errors import InputError
 from truearm.wings.exports.programs.number_texts import six_numbers
 from truearm.wings.exports.programs.program import Lines, Number
 
+# Levels of a program: each node of PolyScope's tree takes two, and a waypoint some more.
+MAX_DEPTH = 500
+# What does not end reaches to the end of the text: to look for its end once is enough.
 _TAG = re.compile(
-    r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>"
+    r"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)"
     r"|<(/?)([\w.:-]+)((?:\s+[\w.:-]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*)\s*(/?)>",
     re.DOTALL,
 )
@@ -37,13 +42,31 @@ class Node:
             yield node
             waiting += reversed(node.children)
 
+    @cached_property
+    def by_tag(self) -> dict[str, list[Node]]:
+        """The children by their names, once all are read."""
+        found: defaultdict[str, list[Node]] = defaultdict(list)
+        for one in self.children:
+            found[one.tag].append(one)
+        return dict(found)
+
     def child(self, tag: str) -> Node | None:
         """The first child of a name; if it refers to an earlier node, that one."""
-        found = next((one for one in self.children if one.tag == tag), None)
-        return None if found is None else found.resolved()
+        return self.by_tag[tag][0].resolved() if tag in self.by_tag else None
 
     def resolved(self) -> Node | None:
         """The node, or the earlier one that it refers to (XStream's relative path); None if there is none."""
+        chain, node = [self], self.referred
+        while node is not None and node is not chain[-1]:
+            chain.append(node)
+            node = node.referred
+        for one in chain:
+            one.referred = node
+        return node
+
+    @cached_property
+    def referred(self) -> Node | None:
+        """The node, or the one that its own reference names."""
         if "reference" not in self.attributes:
             return self
         node: Node | None = self
@@ -54,14 +77,17 @@ class Node:
                 node = node.parent
                 continue
             named = _STEP.fullmatch(step)
-            same = [one for one in node.children if named and one.tag == named[1]]
+            same = node.by_tag.get(named[1], []) if named else []
             k = int(named[2] or 1) if named else 0
             node = same[k - 1] if 0 < k <= len(same) else None
-        return None if node is None or node.start >= self.start else node.resolved()  # earlier ones only: no circle
+        return None if node is None or node.start >= self.start else node  # earlier ones only: no circle
 
     def inside(self, tag: str) -> bool:
         """Whether an element of a name is around it."""
-        return self.parent is not None and (self.parent.tag == tag or self.parent.inside(tag))
+        node = self.parent
+        while node is not None and node.tag != tag:
+            node = node.parent
+        return node is not None
 
     def text(self, name: str) -> str:
         """An attribute, empty without it."""
@@ -79,11 +105,11 @@ def parse_nodes(data: bytes) -> Node:
     Raises
     ------
     InputError
-        If an element does not end: the program is truncated.
+        If an element does not end: the program is truncated; if elements are nested too deep.
     """
     text = data.decode("latin-1")
-    root = Node("", 0, None)
-    node = root
+    node = root = Node("", 0, None)
+    depth = 0
     for found in _TAG.finditer(text):
         if found[2] is None:
             continue
@@ -91,6 +117,7 @@ def parse_nodes(data: bytes) -> Node:
             if node.parent is None or node.tag != found[2]:
                 raise InputError(f"</{found[2]}> ends no open element", line=Lines(data)(found.start()))
             node = node.parent
+            depth -= 1
             continue
         made = Node(found[2], found.start(), node)
         for one in _ATTRIBUTE.finditer(text, found.start(3), found.end(3)):
@@ -99,6 +126,9 @@ def parse_nodes(data: bytes) -> Node:
         node.children.append(made)
         if not found[4]:
             node = made
+            depth += 1
+            if depth > MAX_DEPTH:
+                raise InputError(f"expected at most {MAX_DEPTH} levels of elements", line=Lines(data)(node.start))
     if node is not root or not root.children:
         raise InputError(
             f"<{node.tag}> does not end: the program is truncated" if node is not root else "it has no element",
