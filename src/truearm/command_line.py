@@ -247,7 +247,8 @@ def _message(error: Exception, word: str = "") -> str:
         return f"{where}{error.strerror or error}"
     problem = error.format_message() if isinstance(error, SupportsMessage) else str(error)
     problem = " ".join(problem.split()).replace("Value error, ", "").removesuffix(".")
-    problem = problem.replace(NO_NUMBER, "expected a number with a decimal point, such as 0.2")
+    unit = " of mm" * (getattr(getattr(error, "param", None), "metavar", None) == "MM")
+    problem = problem.replace(NO_NUMBER, f"expected a number{unit} with a decimal point, such as 0.2")
     if ". Try: " in problem:  # of the parser of an option
         return problem.partition("': ")[2]
     context = getattr(error, "ctx", None)  # none where the value of an option is missing

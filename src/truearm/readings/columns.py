@@ -107,7 +107,7 @@ def recognise_columns(
             words.append(name)
         elif name not in (TEMPERATURE, *SHARED_UNCERTAINTIES, *ANCHOR_DISTANCE) and not name.startswith("note"):
             raise InputError(
-                f"unknown column {quoted_cell(name)}", file=file, line=line, column=name, hint=_meant(name)
+                f"unknown column {quoted_cell(name)}", file=file, line=line, column=name, hint=_meant(name, names)
             )
     joints = _joints(angles, file, line, n_joints)
     return Columns(
@@ -372,8 +372,8 @@ def _std(found: dict[str, str], file: Path | None, line: int | None) -> tuple[st
     return std
 
 
-def _meant(name: str) -> str:
-    """Return the name that was probably meant."""
+def _meant(name: str, names: Sequence[str]) -> str:
+    """Return the name that was probably meant; of a table without joints the command that reads other tables."""
     plain = name.lower().replace(" ", "_").strip("_")
     if match := re.fullmatch(r"(?:q|j|joint|theta|angle|axis|a)_?0*(\d{1,3})(?:\D.*)?", plain):
         q = f"q{int(match[1]) or 1}"
@@ -394,4 +394,6 @@ def _meant(name: str) -> str:
     close = difflib.get_close_matches(
         plain, [*NAMED, TEMPERATURE, *SPHERE_DISTANCE, *ANCHOR_DISTANCE, *SHARED_UNCERTAINTIES], n=1
     )
+    if not close and not any(map(ANGLE.fullmatch, names)):
+        return "truearm import TABLE --out session.csv reads the tables of other programs"
     return close[0] if close else "delete the column, or let its name start with 'note' if it is a remark"

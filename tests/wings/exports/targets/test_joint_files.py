@@ -264,7 +264,9 @@ def test_the_folder_of_a_data_set_is_answered_with_its_file(model, tmp_path, ref
     (tmp_path / "ds" / "meta").mkdir(parents=True)
     (tmp_path / "ds" / "meta" / "info.json").write_text("{}")
     model.save(tmp_path / "m.truearm")
-    refused(["correct", tmp_path / "m.truearm", tmp_path / "ds", "--out", tmp_path / "o.csv"], "episode_000000.parquet")
+    command = ["correct", tmp_path / "m.truearm", tmp_path / "ds", "--out", tmp_path / "o.csv"]
+    refused(command, "episode_000000.parquet")
+    refused([*command, "--subdivide", "50mm"], "expected a number of mm")
 
 
 def test_rows_that_lack_a_joint_are_refused(model, tmp_path):

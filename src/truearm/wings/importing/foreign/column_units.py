@@ -11,7 +11,9 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
+from truearm.wings.exports.targets.joint_files.tables import READ, motor_columns
 from truearm.wings.importing.foreign.joint_scale import JointScale, JointUnit, certain_unit
+from truearm.wings.importing.foreign.lerobot_recordings import check_ranges
 from truearm.wings.importing.foreign.no_readings import lost_targets
 from truearm.wings.importing.foreign.program_columns import split_unit
 from truearm.wings.importing.tables.table import Table
@@ -48,7 +50,10 @@ def settle_joint_units(
         If it is not known, or the table states another one than `scale` or than its numbers can have.
     """
     written = [canonical_unit(table.units[table.index(column)]) for column in angles]
+    of_motors = motor_columns(angles, READ) is not None
     if scale.unit is not None:
+        if of_motors and scale.zero is None and set(scale.units(len(angles))) == {"deg"}:
+            check_ranges(table, values, "deg", None)
         for name, of_table, of_option in zip(angles, written, scale.units(len(angles)), strict=True):
             is_known = of_table in get_args(JointUnit) and not _is_wrong_angle_unit(of_table, values)
             if is_known and of_table != of_option:
@@ -59,12 +64,17 @@ def settle_joint_units(
     if "rad" in stated and certain_unit(values) == "deg":
         problem = f"the table states rad, but most joints turn up to {np.abs(values).max():.4g}"
         raise table.error(problem, 0, column=table.index(angles[0]), hint="--angle-unit deg, or --angle-unit rad")
-    certain = None if any(written) else certain_unit(values)  # grad: degrees or gon
+    certain = None if any(written) or of_motors else certain_unit(values)  # grad: degrees or gon
     units = [unit or certain for unit in stated]
     if None not in units:
         if None in stated:
             assumed.append(f"angles in {certain}, as some turn {np.abs(values).max():.4g}")
         return replace(scale, unit=tuple(cast(JointUnit, unit) for unit in units))
+    if of_motors:
+        raise table.error(
+            "LeRobot's values do not say their unit",
+            hint="--angle-unit deg, or with --motors CALIBRATION.json percent or counts (ticks)",
+        )
     joint = units.index(None)
     column, value = table.index(angles[joint]), float(values[0, joint])
     if written[joint]:

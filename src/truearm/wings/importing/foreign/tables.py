@@ -18,6 +18,7 @@ from truearm.readings import Session, has_reference
 from truearm.readings.readings import ANCHOR_DISTANCE, DIRECTION, LOAD, SHARED_UNCERTAINTIES, SPHERE_DISTANCE
 from truearm.readings.session import similar_names
 from truearm.typing import BoolArray, FloatArray, NameArray
+from truearm.wings.exports.targets.lerobot_motors import check_no_data_set
 from truearm.wings.importing.foreign.column_units import (
     PointUnit,
     length_unit,
@@ -224,6 +225,7 @@ def as_table(table: str | Path | Table | pd.DataFrame, form: TableForm) -> Table
     if isinstance(table, Table):
         return table
     if isinstance(table, str | Path):
+        check_no_data_set(Path(table))
         return read_table(table, form)
     import pandas as pd
 
