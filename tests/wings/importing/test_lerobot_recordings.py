@@ -61,7 +61,7 @@ def test_what_is_not_stated_is_asked_for(refused, folder):
     ("row", "options", "said"),
     [
         ("95,1,1,1,1", [], "LeRobot's values do not say their unit"),
-        ("95,1,1,1,1", ["--angle-unit", "percent"], "percent with --motors"),
+        ("95,1,1,1,1", ["--angle-unit", "percent"], "percent need LeRobot's calibration"),
         ("1500,1500,1500,1500,1500", ["--angle-unit", "deg"], "from -180 to 180 deg, got 1500"),
         ("1,2,3,4,120", ["--angle-unit", "percent", "--motors", "cal.json"], "wrist_roll from -100 to 100 percent"),
         ("1,2,3,4,5", ["--angle-unit", "counts", "--motors", "cal.json"], "from 1000 to 3000 counts"),

@@ -1,5 +1,7 @@
 """Joints in files of other programs: found, corrected in place and nothing else, refused where they are not clear."""
 
+import json
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -188,6 +190,18 @@ def test_a_path_is_written_whole_or_not_at_all(model, tmp_path, truearm, refused
         ["correct", tmp_path / "m.truearm", tmp_path / "p.csv", "--angle-unit", "deg", "--out", tmp_path / "o.csv"],
         "--angle-unit applies to tables of LeRobot and ROS only",
     )
+
+
+def test_json_under_the_name_of_yaml_is_marked(model, tmp_path):
+    """Also where a list is at the top: a line of comment before it is YAML."""
+    message = {"joint_names": ["J1", "J2", "J3", "J4", "J5"], "points": [{"positions": Q[0].tolist()}]}
+    for document in (message, {"goal": {"trajectory": message}}, [message, message]):
+        (tmp_path / "t.yaml").write_text(json.dumps(document))
+        ta.correct(model, tmp_path / "t.yaml").save(tmp_path / "o.yaml")
+        assert type(yaml.safe_load((tmp_path / "o.yaml").read_text())) is type(document)
+        refuses("corrected already", ta.correct, model, tmp_path / "o.yaml")
+    (tmp_path / "t.json").write_text(json.dumps(message))
+    refuses("ends in .yaml", ta.correct, model, tmp_path / "t.json")
 
 
 def test_the_order_of_joints_is_that_of_their_names():

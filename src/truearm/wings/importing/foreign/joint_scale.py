@@ -57,10 +57,11 @@ class JointScale:
         if self.unit is None:
             raise InputError("the unit of the joint angles is not stated", hint="--angle-unit deg or --angle-unit rad")
         units = [self.unit] if isinstance(self.unit, str) else list(self.unit)
+        if "percent" in units:
+            raise InputError("percent need LeRobot's calibration of this arm", hint="--motors CALIBRATION.json")
         if bad := [u for u in units if u not in get_args(JointUnit)]:
             raise InputError(
-                f"unknown unit of angles {quoted_cell(bad[0])}",
-                hint=f"one of {', '.join(get_args(JointUnit))}; percent with --motors",
+                f"unknown unit of angles {quoted_cell(bad[0])}", hint=f"one of {', '.join(get_args(JointUnit))}"
             )
         return [str(u) for u in _for_each(units, n_joints, "angle unit")]
 
