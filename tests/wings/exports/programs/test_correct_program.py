@@ -12,7 +12,11 @@ from made_up_programs import TOOL, WORK, in_work, krl_files, krl_frame, krl_turn
 
 import truearm as ta
 from truearm.errors import InputError
+from truearm.wings.exports.programs import subdivision
 from truearm.wings.exports.programs.correct_program import correct_program
+from truearm.wings.exports.programs.program import Move
+from truearm.wings.exports.programs.solving import PathEnds
+from truearm.wings.exports.programs.urscript import pose_numbers
 from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, with_tool
 from truearm.wings.exports.targets.targets import Targets
 
@@ -258,6 +262,10 @@ class TestMoves:
 KRL_CELL = f"TOOL_DATA[3]={{{krl_frame(TOOL)}}}\nBASE_DATA[2]={{{krl_frame(WORK)}}}\nBAS(#TOOL,3)\nBAS(#BASE,2)\n"
 
 
+def pose_text(T):
+    return f"p[{','.join(f'{one:.9f}' for one in pose_numbers(T, [0.0] * 6))}]"
+
+
 def krl_text(lines):
     return "\n".join(["DEF made( )", KRL_CELL + "\n".join(lines), "END", ""])
 
@@ -315,6 +323,35 @@ class TestConfigurationOfThePath:
         text = krl_text([*points, "LIN P0", "LIN P1", "LIN P0", "LIN P1"])
         found = corrected(fitted(KR), written(tmp_path, text, "made.src"))
         assert not found.changes
+
+
+# What is changed in a program, and why its second move is then not divided.
+RAPID_CHANGES = {
+    "a variable": ("CONST robtarget p1", "VAR robtarget p1", "its target may have several values"),
+    "an assignment": ("    MoveL p2", "    p1:=p2;\n    MoveL p2", "several values"),
+    "a parameter of its name": ("ENDMODULE", "  PROC b(robtarget p1)\n  ENDPROC\nENDMODULE", "several values"),
+    "a local one": ("ENDMODULE", "  PROC b()\n    CONST robtarget p1:=p2;\n  ENDPROC\nENDMODULE", "several values"),
+    "an IF without THEN": ("    MoveL p0", "    IF di1=1 MoveL p0", "comes from"),
+    "a computed procedure": ("    MoveL p1", '    %"Away"%;\n    MoveL p1', "comes from"),
+    "a function": ("    MoveL p1", "    x:=Away(1);\n    MoveL p1", "comes from"),
+    "a search": ("    MoveL p0,", "    SearchL di1,ps,p0,", "comes from"),
+    "a displacement": ("    MoveL p0", "    PDispSet pd;\n    MoveL p0", "shifted while"),
+    "a tool that changes": ("    MoveL p0", "    tGrip:=tOther;\n    MoveL p0", "tool or work object changes"),
+}
+KRL_CHANGES = {
+    "a trigger": ("TRIGGER WHEN DISTANCE=0 DELAY=0 DO $OUT[1]=TRUE\n", "", "what the line before it does"),
+    "a continue": ("CONTINUE\n", "", "what the line before it does"),
+    "a call": ("MSG_AWAY()\n", "", "what the line before it does"),
+    "a fold": (";FOLD LIN P2 Vel=2 m/s CPDAT1\n", "\n;ENDFOLD", "in a fold"),
+    "an orientation": ("$ORI_TYPE=#JOINT\n", "", "ORI_TYPE"),
+}
+UR_CHANGES = {
+    "a call": ("  teach_mode()\n", "comes from"),
+    "an unknown call": ("  rtde_move()\n", "comes from"),
+    "a speed": ("  speedl([0,0,0.1,0,0,0],0.5,1)\n", "comes from"),
+    "a value of a call": ("  x = away()\n", "comes from"),
+    "another value": ("  P_2_p = P_1_p\n", ""),
+}
 
 
 class TestSubdivision:
@@ -376,7 +413,81 @@ class TestSubdivision:
         arm, text, _ = self.programs()["rapid"]
         text = text.replace("    MoveL p1", "    IF TRUE Stop;\n    MoveL p1")
         found = corrected(fitted(arm), written(tmp_path, text), subdivide_mm=25.0)
-        assert "Not divided: line 10" in found.notes[-1]
+        assert "Not divided: line 8, 10 (not certain where the arm comes from)" in found.notes[-1]
+
+    @pytest.mark.parametrize("what", RAPID_CHANGES)
+    def test_a_move_of_rapid_whose_ends_are_not_certain_is_not_divided(self, tmp_path, what):
+        old, new, reason = RAPID_CHANGES[what]
+        arm, text, _ = self.programs()["rapid"]
+        assert old in text
+        text = text.replace(old, new, 1)
+        found = corrected(fitted(arm), written(tmp_path, text), subdivide_mm=100.0)
+        assert reason in found.notes[-1].partition("Not divided")[2]
+        assert not re.search(rb"MoveL \[\[[^\r\n]*\s*MoveL p1,", found.content)
+
+    @pytest.mark.parametrize("what", KRL_CHANGES)
+    def test_a_move_of_krl_with_something_before_it_is_not_divided(self, tmp_path, what):
+        before, after, reason = KRL_CHANGES[what]
+        arm, text, _ = self.programs()["krl"]
+        lines = text.split("\n")
+        at = [i for i, line in enumerate(lines) if "LIN" in line][1]
+        plain = corrected(fitted(arm), written(tmp_path, text, "made.src"), subdivide_mm=100.0)
+        lines[at] = before + lines[at] + after
+        found = corrected(fitted(arm), written(tmp_path, "\n".join(lines), "made.src"), subdivide_mm=100.0)
+        assert reason in found.notes[-1].partition("Not divided")[2]
+        assert found.content.count(b"C_DIS") < plain.content.count(b"C_DIS")
+
+    def test_a_point_of_krl_that_gets_two_values_is_no_end(self, tmp_path):
+        arm, text, _ = self.programs()["krl"]
+        poses = re.findall(r"LIN (\{.*\})", text)
+        body = f"W={poses[1]}\nLIN {poses[0]}\nLIN W\nW={poses[2]}\nLIN W"
+        text = krl_text(["DECL POS W", *body.split("\n")])
+        found = corrected(fitted(arm), written(tmp_path, text, "made.src"), subdivide_mm=100.0)
+        assert found.changes
+        assert b"C_DIS" not in found.content
+
+    @pytest.mark.parametrize("what", UR_CHANGES)
+    def test_a_move_of_urscript_after_something_else_is_not_divided(self, tmp_path, what):
+        before, reason = UR_CHANGES[what]
+        arm, text, _ = self.programs()["urscript"]
+        frames = written(tmp_path, 'controller = "nominal"', "frames.toml")
+        moves = list(re.finditer(r"(?m)^ *movel", text))
+        plain = corrected(fitted(arm), written(tmp_path, text, "made.script"), subdivide_mm=100.0, frames=frames)
+        text = text[: moves[1].start()] + before + text[moves[1].start() :]
+        found = corrected(fitted(arm), written(tmp_path, text, "made.script"), subdivide_mm=100.0, frames=frames)
+        assert reason in found.notes[-1].partition("Not divided")[2]
+        assert found.content.count(b"r=0.005") < plain.content.count(b"r=0.005")
+
+    def test_blends_that_would_overlap_are_left_as_they_are(self, tmp_path):
+        arm, text, _ = self.programs()["urscript"]
+        frames = written(tmp_path, 'controller = "nominal"', "frames.toml")
+        text = re.sub(r"(?m)^( *movel\(.*)\)", r"\1, r=0.9)", text)
+        found = corrected(fitted(arm), written(tmp_path, text, "made.script"), subdivide_mm=100.0, frames=frames)
+        assert "blends" in found.notes[-1]
+        assert b"r=0.005" not in found.content
+
+    def test_a_list_of_several_values_has_no_certain_goal(self, tmp_path):
+        arm, text, _ = self.programs()["urscript"]
+        frames = written(tmp_path, 'controller = "nominal"', "frames.toml")
+        poses = re.findall(r"=\s*(p\[.*\])", text)[-3:]
+        body = f"  movel({poses[0]})\n  w = {poses[1]}\n  movel(w)\n  w = {poses[2]}\n  movel(w)\n"
+        start = ",".join(map(str, joints_of_ur("ur10", 3)[0]))
+        text = f"def made():\n  movej([{start}])\n{body}end\n"
+        tool = pose_text(TOOL)
+        text = text.replace("():\n", f"():\n  set_tcp({tool})\n")
+        found = corrected(fitted(arm), written(tmp_path, text, "made.script"), subdivide_mm=100.0, frames=frames)
+        assert found.changes
+        assert b"r=0.005" not in found.content
+
+    def test_a_path_on_which_a_joint_jumps_is_not_divided(self):
+        still = np.linspace(0.0, 0.5, 17)[:, None] * np.ones(6)
+        nominal = still[[0, -1]]
+        path = subdivision._Path(PathEnds(0, 1, 1), Move(1, "linear", 1), 4, 4)
+        assert subdivision._jump(path, nominal, still[1:-1], still[1:-1]) == ""
+        jumping = still.copy()
+        jumping[9:, 0] -= 1.15  # J1 from +31 to -35 deg
+        assert "jump" in subdivision._jump(path, jumping[[0, -1]], jumping[1:-1], jumping[1:-1])
+        assert "jump" in subdivision._jump(path, nominal, still[1:-1], still[1:-1] + 0.2)
 
     @pytest.mark.parametrize(
         ("options", "problem"),

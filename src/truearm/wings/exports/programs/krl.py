@@ -10,9 +10,10 @@ them state.
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import takewhile
 from math import inf, isinf
 from pathlib import Path
@@ -26,6 +27,8 @@ from truearm.typing import FloatArray
 from truearm.wings.exports.programs.named_targets import NamedTarget, NamedTargets
 from truearm.wings.exports.programs.orientations import angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
+    COMES_FROM,
+    WRITTEN_OTHERWISE,
     Condition,
     Edit,
     Language,
@@ -84,6 +87,12 @@ _TURNS_OFF = re.compile(
     rb"(?i)\s*(?:(?:GLOBAL\s+)?DEF(?:FCT)?|IF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|LOOP|ENDLOOP|FOR|ENDFOR|WHILE"
     rb"|ENDWHILE|REPEAT|UNTIL|EXIT|GOTO|RETURN|INTERRUPT|RESUME|END)(?![\w$])|\s*[A-Za-z_][\w$]*\s*:\s*$"
 )
+# Lines between two moves that move no arm and start nothing.
+_STILL = re.compile(
+    rb"(?i)\s*(?:WAIT\s+SEC\s+[\d.]+|BAS\s*\(\s*#[^()]*\)|\$(?:OUT|VEL|ACC|APO)\b[^=]*=[^(=][^(]*"
+    rb"|[A-Za-z_][\w$]*\s*(?:\[[\s\d]*\]\s*)?=(?!=)[^(]*)?\s*"
+)
+_FOLD = re.compile(rb"(?i)\s*;\s*(END)?FOLD\b")
 _LABEL = re.compile(rb"\s*([A-Za-z_][\w$]*)\s*:\s*")
 _GOTO = re.compile(rb"(?i)\s*GOTO\s+([\w$]+)\s*")
 _COMPONENT = re.compile(rb"(?i)\s*([A-Za-z_][\w$]*)\s*(\[[^\]]*\])?\s*\.\s*(?!E\d)(\w+)\s*=(?!=)")
@@ -94,6 +103,8 @@ _HARMLESS = re.compile(
     rb"IF|ELSE|WHILE|UNTIL|SWITCH|CASE|FOR|WAIT|RETURN|BAS|PULSE|C(?:OPEN|CLOSE|READ|WRITE|IOCTL)|S(?:READ|WRITE)"
     rb"|MBX_REC|ERR_\w+|\w*MSG\w*|STR\w+|RSI_\w+|EKI_\w+|CAST_\w+|PTP|LIN|CIRC|LOOP|REPEAT|DEF|DEFFCT"
 )
+_IN_FOLD = "in a fold, whose lines the pendant writes again"
+_BETWEEN = "not certain what the line before it does"
 _SETS = re.compile(rb"(?i)\s*(?:\$(?:TOOL|BASE|IPO_MODE)\b[^=]*=|FDAT_ACT\s*=|BAS\s*\(\s*#(?:TOOL|BASE|EX_BASE)\b)")
 _REASONS = {
     b"TCP": "its tool is fixed in the cell (IPO_FRAME #TCP)",
@@ -276,6 +287,18 @@ class _File(NamedTargets):
                 self.notes.append(f"{name} is used in a computation in line {at}: the result has its correction.")
             yield NamedTarget(word, name, line, made, self._is_reached(word))
 
+    def settled(self, move: Move, goal: bytes | int | None) -> Move:
+        """See `NamedTargets`: what is known when the whole file is read."""
+        is_certain = isinstance(goal, int) or (goal is not None and self.n_mentions[goal.partition(b"[")[0]] == 1)
+        passing = "$ORI_TYPE states how it turns" if self.n_mentions[b"$ORI_TYPE"] else move.passing
+        return move._replace(is_certain=is_certain and move.is_certain, passing=passing)
+
+    @cached_property
+    def n_mentions(self) -> Counter[bytes]:
+        """In how many lines of the file, besides moves, a name stands: that of its value, and others."""
+        lines = [line.code for line in self.lines if not _MOVED.fullmatch(line.code)]
+        return Counter(name for code in lines for name in {one.upper() for one in _WORDS.findall(code)})
+
     def _is_reached(self, word: bytes | None) -> bool:
         """Whether a move goes to a target, or an FDAT says that it was taught for one."""
         if word is None or self.uses.get(word) or (word.startswith(b"X") and b"F" + word[1:] in self.fdat):
@@ -362,6 +385,7 @@ class _File(NamedTargets):
     def _walk(self, lines: list[_Line], *, is_own: bool) -> None:
         """Follow the lines of a file in their order: tool and base, moves and values."""
         state, block, follows = _State(), b"", False
+        obstacle, depth = COMES_FROM, 0  # of further targets before the next move; folds around a line
         branches: list[_Branches] = []
         ends = _loops(lines)
         for at, line in enumerate(lines):
@@ -370,7 +394,11 @@ class _File(NamedTargets):
                 element = part[2] if re.fullmatch(rb"\[\s*\d+\s*\]", part[2] or b"") else b""
                 self.parts.setdefault(_word(part[1] + element), (_text(part[3]), line.number))
             call = _CALL.match(code)
+            if fold := _FOLD.match(self.data if is_own else b"", line.start):
+                depth = max(depth + (-1 if fold[1] else 1), 0)
             follows &= not (_TURNS_OFF.match(code) or (call and not _HARMLESS.fullmatch(call[1].upper())))
+            moves = _MOVED.fullmatch(code) is not None
+            obstacle = obstacle if moves or _STILL.fullmatch(code) else _BETWEEN
             if at in ends:  # again with what holds at its end
                 state = state.either(self._at_end(lines[at + 1 : ends[at]], state))
             elif (after := self._follow(line, state, branches)) is not None:
@@ -380,8 +408,9 @@ class _File(NamedTargets):
             elif moved := _MOVED.fullmatch(code):
                 within = self._with(block, line, state)
                 frames = self._with(code, line, within).frames
-                self._move(line, moved, frames, is_own=is_own, follows=follows, passes=not block)
-                follows = True
+                why = WRITTEN_OTHERWISE if block else _IN_FOLD if depth else obstacle
+                self._move(line, moved, frames, is_own=is_own, follows=follows, obstacle=why)
+                follows, obstacle = True, ""
             elif b"=" in code and (given := _given(code)) is not None:
                 if b":" in re.sub(rb"\{[^{}]*\}", b"", given[3]):
                     self.factors |= {name.upper(): line.number for name in _WORDS.findall(given[3])}
@@ -452,7 +481,7 @@ class _File(NamedTargets):
         return b"EK" if re.match(rb"(?i)\s*EK\s*\(", text) else _word(text)
 
     def _move(
-        self, line: _Line, moved: re.Match[bytes], frames: _Frames, *, is_own: bool, follows: bool, passes: bool
+        self, line: _Line, moved: re.Match[bytes], frames: _Frames, *, is_own: bool, follows: bool, obstacle: str
     ) -> None:
         word, at = moved[1].upper(), 0
         for _ in range(2 if b"CIRC" in word else 1):
@@ -488,14 +517,13 @@ class _File(NamedTargets):
                 self.left.append(LeftAlone(line.number, shown, "the program computes it"))
             else:
                 key = name
-            passing = None
-            if passes and word in (b"LIN", b"SLIN"):
-                after = moved[2][goal.end() :].rstrip()
-                after = b" " * bool(after[:1].strip()) + re.sub(rb"(?i)(?:\s+C_\w+)+$", b"", after)
+            passing: Passing | str = obstacle or WRITTEN_OTHERWISE
+            after = re.sub(rb"(?i)\s*C_\w+(?=\s|$)", b"", moved[2][goal.end() :]).strip()
+            if not obstacle and word == b"LIN" and not after:
                 indent = line.code[: moved.start(1)]
-                passing = Passing(line.start, indent + moved[1] + b" ", after + line_end_of(self.data), len(after))
-            kind = _MOVES.get(word.removesuffix(b"_REL"), "joint")
-            self.moves.append((Move(line.number, kind, None, follows, passing), key))
+                passing = Passing(line.start, indent + moved[1] + b" ", line_end_of(self.data), 0)
+            kind, is_certain = _MOVES.get(word.removesuffix(b"_REL"), "joint"), word in (b"PTP", b"LIN", b"CIRC")
+            self.moves.append((Move(line.number, kind, None, follows, passing, is_certain), key))
             follows = True
 
     def _value(self, line: _Line, given: re.Match[bytes]) -> None:

@@ -42,6 +42,11 @@ class NamedTargets:
         self.notes: list[str] = []
         self.moves: list[tuple[Move, bytes | int | None]] = []
 
+    def settled(self, move: Move, goal: bytes | int | None) -> Move:
+        """A move to a goal with what is known of it at the end of the file."""
+        del goal
+        return move
+
     def of(self, found: Iterable[NamedTarget], external: Iterable[Sequence[float]]) -> Program:
         """The program; `external` are the external axes of all targets, and goals of moves are names, or numbers."""
         targets: list[Target] = []
@@ -54,7 +59,7 @@ class NamedTargets:
             unreached += [] if one.is_reached else [one.name]
             numbers[at] = numbers[one.key or at] = len(targets)
             targets.append(one.made)
-        moves = tuple(move._replace(target=numbers.get(goal)) for move, goal in self.moves)
+        moves = tuple(self.settled(move, goal)._replace(target=numbers.get(goal)) for move, goal in self.moves)
         self.notes += [*_unreached_note(unreached), *_external_axes_note(external, self.beside.known_axes)]
         return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
 

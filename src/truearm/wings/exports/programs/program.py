@@ -139,6 +139,10 @@ class Passing(NamedTuple):
         return self.before + point + self.after[: self.zone] + zone + self.after[self.zone :]
 
 
+WRITTEN_OTHERWISE = "written in another way"
+COMES_FROM = "not certain where the arm comes from"
+
+
 class Move(NamedTuple):
     """A motion.
 
@@ -150,15 +154,21 @@ class Move(NamedTuple):
         Number in `Program.targets`; None: another place.
     follows : bool
         Whether the arm certainly comes from the move before it in the text.
-    passing : Passing, optional
-        How further targets before this one are written, where the language and the move allow them.
+    passing : Passing or str
+        How further targets before this one are written, or why none can be.
+    is_certain : bool
+        Whether the arm certainly goes to the target: its numbers stand in the move, or its name has one value.
+    blend_mm : float
+        Within which distance of the target the arm leaves the path, where blends must not overlap; NaN: not known.
     """
 
     line: int
     kind: MoveKind
     target: int | None
     follows: bool = True
-    passing: Passing | None = None
+    passing: Passing | str = WRITTEN_OTHERWISE
+    is_certain: bool = False
+    blend_mm: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,6 +311,11 @@ class Language(ABC):
         """How a move passes its target without a stop, as `Passing.text` writes it; of targets some mm apart."""
         del spacing_mm
         raise InputError(self.takes_no_targets)
+
+    def blend_mm(self, spacing_mm: float) -> float:
+        """How far from a further target the arm leaves the path; 0 where the controller keeps blends apart."""
+        del spacing_mm
+        return 0.0
 
     def number_text(self, number: Number, value: float, decimals: int) -> bytes:
         """The bytes of a new value; by default those of a plain decimal number."""

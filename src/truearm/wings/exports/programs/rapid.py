@@ -8,11 +8,11 @@ each for the wrist centre behind axis 1 (4), behind the lower arm (2), and a neg
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from math import floor, hypot, inf
 from typing import NamedTuple, TypeAlias
 
@@ -24,6 +24,7 @@ from truearm.wings.exports.programs.named_targets import NamedTarget, NamedTarge
 from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
     NOT_THERE,
+    WRITTEN_OTHERWISE,
     Condition,
     Edit,
     Language,
@@ -74,6 +75,8 @@ _STILL = frozenset(
     b"setdo set reset setgo setao pulsedo waittime waitdi waitdo waituntil confl confj singarea accset velset gripload "
     b"tpwrite tperase incr decr add clear const pers var local".split()
 )
+# Moves after which the arm stands at their target; a search, for one, ends elsewhere.
+_PLAIN = (b"movej", b"moveabsj", b"movel", b"movec")
 _ZONES = (b"wzhomejointdef", b"wzlimjointdef")
 _SHAPES = {b"robtarget": (3, 4, 4, 6), b"jointtarget": (6, 6)}
 _FRAMES = (b"tooldata", b"wobjdata")
@@ -192,6 +195,7 @@ class _Module(NamedTargets):
         self.records: dict[bytes, list[bytes]] = {}
         self.uses: defaultdict[bytes, _Uses] = defaultdict(dict)
         self.follows = False
+        self.shifted = ""
         self.external: list[list[float]] = []
         self.units: dict[bytes, tuple[str, FloatArray]] = {}
         self.resolved: dict[tuple[str, bytes], _Frame] = {}
@@ -208,6 +212,25 @@ class _Module(NamedTargets):
         )
         return self.of(named, self.external)
 
+    def settled(self, move: Move, goal: bytes | int | None) -> Move:
+        """See `NamedTargets`: what is known when the whole module is read."""
+        is_certain = move.is_certain and (isinstance(goal, int) or goal in self.constants)
+        passing = self.shifted or move.passing
+        return move._replace(is_certain=is_certain, passing=passing)
+
+    @cached_property
+    def constants(self) -> set[bytes]:
+        """Names that the module declares once, as constants, and never as a parameter or another thing."""
+        declared: Counter[bytes] = Counter()
+        fixed = set()
+        for before, kind, name in zip(self.tokens, self.tokens[1:], self.tokens[2:], strict=False):
+            if name.kind == kind.kind == "name" and kind.word not in _MOVES:
+                declared[name.word] += 1
+                if before.word == b"const":
+                    fixed.add(name.word)
+        given = Counter(token.word for token, follows in pairwise(self.tokens) if follows.text == b":=")
+        return {name for name in fixed if declared[name] == given[name] == 1}
+
     def _check_ends(self) -> None:
         words = [token.word for token in self.tokens if token.kind == "name"]
         if words.count(b"module") != words.count(b"endmodule"):
@@ -219,7 +242,9 @@ class _Module(NamedTargets):
     def _statement(self, at: int) -> int:
         """Read what begins at a token; returns where the next begins."""
         token = self.tokens[at]
+        is_first = at == 0 or self.tokens[at - 1].text == b";"
         if token.kind != "name":
+            self.follows &= not is_first  # a procedure whose name is computed
             return at + 1
         follows = self.tokens[at + 1] if at + 1 < len(self.tokens) else token
         if token.word == b"record":
@@ -228,10 +253,10 @@ class _Module(NamedTargets):
             return self._declaration(at)
         if token.word in _MOVES and follows.text not in (b":=", b"("):
             return self._move(at)
-        is_first = at == 0 or self.tokens[at - 1].text == b";"
-        if is_first and token.word not in _STILL and not self._assigned(at):
+        if is_first and not self._is_still(at):
             self.follows = False
         if token.word in self.names_of_frames and self._assigned(at):
+            self.shifted = "its tool or work object changes while the program runs"
             self.notes.append(
                 f"{_text(token.text)} is changed in line {self._line(at)} while the program runs: the corrections are "
                 "those with its value in the declaration."
@@ -240,6 +265,7 @@ class _Module(NamedTargets):
             arguments, _ = self._arguments(at + 1)
             self.zones |= {self.tokens[part[0][1] - 1].word: self._line(at) for part in arguments if part[0][1]}
         if token.word in _SHIFTS:
+            self.shifted = "targets are shifted while the program runs"
             self.notes.append(
                 f"{token.text.decode('latin-1')} in line {self._line(at)} shifts targets while the program runs: the "
                 "corrections are those of the places without it."
@@ -247,6 +273,21 @@ class _Module(NamedTargets):
         if self.declared.get(token.word) in _SHAPES and (begins := self._assigned(at)):
             return self._assignment(at, begins)
         return at + 1
+
+    def _is_still(self, at: int) -> bool:
+        """Whether a statement certainly moves no arm: a value may be that of a function which does."""
+        if self.tokens[at].word in _STILL:
+            return True
+        begins = self._assigned(at)
+        if begins is None:
+            return False
+        value = takewhile(lambda one: one.text != b";", map(self.tokens.__getitem__, range(begins, len(self.tokens))))
+        return all(token.text != b"(" for token in value)
+
+    def _is_conditional(self, at: int) -> bool:
+        """Whether a statement is that of an IF without a THEN."""
+        before = takewhile(lambda one: one.text != b";", map(self.tokens.__getitem__, range(at - 1, -1, -1)))
+        return next((token.word for token in before if token.word in (b"if", b"then")), b"") == b"if"
 
     def _assigned(self, at: int) -> int | None:
         """Where the value begins that a statement gives to a name, or to a part of it."""
@@ -462,15 +503,21 @@ class _Module(NamedTargets):
                 self.left.append(LeftAlone(line, f"{instruction} *", "the target is hidden"))
             else:
                 self.left.append(LeftAlone(line, f"{instruction} {text}", self._computed(first, last)))
-            self.moves.append((Move(line, kind, None, self.follows, self._passing(at, arguments, end)), goal))
+            is_certain = self.tokens[at].word in _PLAIN
+            self.moves.append(
+                (Move(line, kind, None, self.follows, self._passing(at, arguments, end), is_certain), goal)
+            )
             self.follows = True
+        self.follows &= not self._is_conditional(at)
         return end
 
-    def _passing(self, at: int, arguments: list[list[tuple[int, int]]], end: int) -> Passing | None:
+    def _passing(self, at: int, arguments: list[list[tuple[int, int]]], end: int) -> Passing | str:
         """How a MoveL goes through further points: with its own speed, tool and work object, but without a stop."""
         switches = {self.tokens[first].word for _, *parts in arguments for first, _ in parts}
         if self.tokens[at].word != b"movel" or len(arguments) != 4 or switches - {b"wobj", b"tload"}:
-            return None
+            return WRITTEN_OTHERWISE
+        if b"(" in [token.text for token in self.tokens[at:end]] or self._is_conditional(at):
+            return WRITTEN_OTHERWISE
         places = [(self.tokens[first].start, self.tokens[last - 1].end) for (first, last), *_ in arguments]
         start, point, zone, stop = self.tokens[at].start, places[0], places[2], self.tokens[end - 1].end
         blanks = self.data[self.line_of.start(start) : start]

@@ -11,7 +11,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import atan2, cos, dist, hypot, pi, sin
+from math import atan2, cos, dist, hypot, nan, pi, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,8 @@ from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinemat
 from truearm.wings.exports.programs.number_texts import NUMBER, six_numbers
 from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
+    COMES_FROM,
+    WRITTEN_OTHERWISE,
     Edit,
     Language,
     LeftAlone,
@@ -48,6 +50,14 @@ _ASSIGNED = re.compile(r"(?<![\w.,(])(?<![,(] )([A-Za-z_]\w*)\s*(\[[^\]\n]*\])?\
 _GLOBAL = re.compile(r"\bglobal\s+([A-Za-z_]\w*)")
 _CALL = re.compile(r"(?<![\w.])((?:optimove|move)[jl]|move[pc]|servo[jc]|set_tcp)\s*\(")
 _BLEND_MM = 5.0
+# What may stand in a line between two moves: calls that move no arm, and values without a call.
+_STILL = re.compile(
+    r"[ \t]*(?:\$[^\r\n]*|(?:set_(?:standard_|configurable_|tool_)?(?:digital|analog)_out|sleep|textmsg)"
+    r"\s*\([^()\r\n]*\)|(?:global\s+)?[A-Za-z_]\w*\s*=\s*[^()\r\n]*)?[ \t]*"
+)
+# Moves after which the arm stands at their target; a servo does not wait for it.
+_PLAIN = ("movej", "movel", "movec")
+_BLEND_ARGUMENT = 4  # of movej and movel, from 0
 _KINDS: dict[str, MoveKind] = {
     "movel": "linear",
     "optimovel": "linear",
@@ -62,6 +72,7 @@ _LINE_END = re.compile(r"[\r\n]")
 _SIGN = re.compile(r"[()\[\],]")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _DEFINED = re.compile(r"^[ \t]*def\s+([A-Za-z_]\w*)", re.MULTILINE)
+_PARAMETERS = re.compile(r"^[ \t]*def\s+[A-Za-z_]\w*\s*\(([^)]*)\)", re.MULTILINE)
 _TURNS_OFF = r"\b(?:def|thread|while|if|elif|else|for|end|return|break|continue|halt)\b"
 _NAMED = re.compile(r"([a-z]\w*)\s*=")
 _SPEED_ARGUMENTS = 2  # acceleration and speed; then time and radius of the blend
@@ -153,6 +164,7 @@ class _Reader:
         self.uses: dict[int, _Use] = {}
         self.poses: dict[int, FloatArray] = {}
         self.moves: list[tuple[Move, int]] = []
+        self.parameters = {name for found in _PARAMETERS.findall(self.code) for name in _NAME.findall(found)}
         self.n_uses: Counter[int] = Counter()
 
     def _assignments(self) -> tuple[dict[str, list[_Literal]], dict[str, str]]:
@@ -194,27 +206,53 @@ class _Reader:
                 )
             words = " ".join(self.text[call.start() : arguments[-1][1] + 1].split())
             follows = not turns.search(self.code, last, call.start())
+            between = self.code[last + bool(last) : call.start()]
+            is_still = bool(last) and all(map(_STILL.fullmatch, re.split(r"\r\n|\n|\r", between)))
             last = arguments[-1][1] if call[1] != "set_tcp" else last
             for start, end in arguments[: 2 if call[1] == "movec" else 1]:
                 named = re.compile(r"(?:pose|q)\w*\s*=\s*").match(self.code, start, end)
                 move = Move(self.line(call.start()), _KINDS.get(call[1], "joint"), None, follows)
-                move = move._replace(passing=self._passing(call, arguments))
+                passing = self._passing(call, arguments) if is_still else COMES_FROM
+                move = move._replace(passing=passing, blend_mm=self._blend_mm(call[1], arguments))
                 self._take(call[1], move, words, named.end() if named else start, end)
                 follows = True
 
-    def _passing(self, call: re.Match[str], arguments: list[tuple[int, int]]) -> Passing | None:
+    def _passing(self, call: re.Match[str], arguments: list[tuple[int, int]]) -> Passing | str:
         """How a movel goes through further points: with its speed and acceleration, but without a stop."""
         named = {found[1] for at, stop in arguments[1:] if (found := _NAMED.match(self.code, at, stop))}
         if call[1] != "movel" or named - {"a", "v", "r"} or len(arguments) - 1 - len(named) > _SPEED_ARGUMENTS:
-            return None
+            return WRITTEN_OTHERWISE
+        if any("(" in self.code[at:stop] for at, stop in arguments[1:]):
+            return WRITTEN_OTHERWISE
         blanks = self.text[self.line.start(call.start()) : call.start()]
         if blanks.strip():
-            return None
+            return WRITTEN_OTHERWISE
         kept = [self.text[at:stop].rstrip() for at, stop in arguments[1:] if not re.match(r"r\s*=", self.code[at:stop])]
         after = "".join(f", {one}" for one in kept)
         ending = ")" + line_end_of(self.text.encode("latin-1")).decode() + blanks
         first = self.text[call.start() : arguments[0][0]]
         return Passing(call.start(), first.encode("latin-1"), (after + ending).encode("latin-1"), len(after))
+
+    def _blend_mm(self, call: str, arguments: list[tuple[int, int]]) -> float:
+        """The radius of the blend at the end of a move; NaN where it is not known."""
+        texts = [self.code[at:stop].strip() for at, stop in arguments]
+        stated = [text.partition("=")[2].strip() for text in texts[1:] if re.match(r"r\s*=", text)]
+        plain = [text for text in texts if not _NAMED.match(text)]
+        if call in _PLAIN[:2]:
+            stated += plain[_BLEND_ARGUMENT:]
+        elif len(plain) > 2:  # of a circle: they may be its radius
+            return nan
+        radius = stated[0] if stated else "0"
+        return MM_PER_M * float(radius) if len(stated) < 2 and re.fullmatch(NUMBER, radius) else nan
+
+    def _is_certain(self, call: str, text: str, lists: list[_Literal]) -> bool:
+        """Whether a move certainly goes to the only list that it can name."""
+        name = text.strip()
+        if call not in _PLAIN or len(lists) != 1:
+            return False
+        if not _NAME.fullmatch(name):
+            return True
+        return len(self.variables.get(name, ())) == 1 and name not in self.problems and name not in self.parameters
 
     def _take(self, call: str, move: Move, words: str, start: int, end: int) -> None:
         """Take one place of a move, or a tool."""
@@ -247,7 +285,8 @@ class _Reader:
                 literal.start, _Use(name if _NAME.fullmatch(name) else f"{call} in line {line}", literal)
             )
             use.near |= {one.start: one for one in near}
-            self.moves.append((move, literal.start))
+            is_certain = self._is_certain(call, self.code[start:end], lists)
+            self.moves.append((move._replace(is_certain=is_certain), literal.start))
 
     def _lists(self, start: int, end: int) -> list[_Literal] | str:
         """The literal lists that an expression can be, or why it is none."""
@@ -411,8 +450,12 @@ class URScript(Language):
         return Edit(at, at, f"# {words}".encode("latin-1") + line_end_of(program.data))
 
     def zone(self, spacing_mm: float) -> bytes:
-        """See `Language`: blends must not overlap."""
-        return b", r=%g" % (min(_BLEND_MM, spacing_mm / 4) / MM_PER_M)
+        """See `Language`."""
+        return b", r=%g" % (self.blend_mm(spacing_mm) / MM_PER_M)
+
+    def blend_mm(self, spacing_mm: float) -> float:
+        """See `Language`: a move whose blend overlaps another is skipped; targets are at least half a spacing apart."""
+        return min(_BLEND_MM, spacing_mm / 5)
 
     def number_text(self, number: Number, value: float, decimals: int) -> bytes:
         """See `Language`: a zero before the point as the number has it."""
