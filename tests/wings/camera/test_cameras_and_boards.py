@@ -1,6 +1,7 @@
 """Several cameras and boards in one fit: planted truth, the equations of all pixels, what is refused."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -166,6 +167,37 @@ def test_what_contradicts_the_table_is_refused(change, options, said, hint):
     with pytest.raises(InputError, match=said) as error:
         fit_images("ur5", session, change(pixels), model="kinematic", **{"board": BOARDS, **options})
     assert hint in (error.value.hint or "")
+
+
+def test_messages_name_the_camera_and_the_board():
+    session, pixels = joined(cells(wrist=True))
+    small = replace(BOARDS["B"], points=0.8 * BOARDS["B"].points)
+    for options, said, hint in (
+        ({}, "camera right, board B: the positions miss each other by", "--on-flange right; "),
+        ({"eye_in_hand": True}, "camera left, board A: the positions", "--on-flange of the .* only, without left; "),
+        ({"eye_in_hand": ["right"], "board": BOARDS | {"B": small}}, "camera right, board B: the board is 1.2", "meas"),
+    ):
+        with pytest.raises(InputError, match=said) as error:
+            fit_images("ur5", session, pixels, model="kinematic", **{"board": BOARDS, **options})
+        assert re.match(hint, error.value.hint or ""), error.value.hint
+
+
+def test_a_board_with_the_numbers_of_its_sides_exchanged_is_named():
+    """Whatever it is called, and not taken for one that is seen from the front."""
+    session, pixels = joined(cells())
+    turned = charuco(9, 12, 20.4, 15.3)
+    said = f"board A: the corners do not lie .* of board {turned.name}, but as those of {BOARDS['A'].name}"
+    with pytest.raises(InputError, match=said) as error:
+        fit_images("ur5", session, pixels, board={"A": turned, "B": BOARDS["B"]}, model="kinematic")
+    assert error.value.hint == f"--board A={BOARDS['A'].name}"
+
+
+def test_tables_of_one_text_lead_to_names_for_boards():
+    session, pixels = joined(cells())
+    text = replace(pixels, board=np.full(len(pixels), BOARDS["A"].name))
+    with pytest.raises(InputError, match="board 'A' is stated") as error:
+        fit_images("ur5", session, text, board=BOARDS)
+    assert "truearm corners --board NAME=TEXT" in (error.value.hint or "")
 
 
 def test_a_board_that_a_camera_hardly_sees_is_ignored():

@@ -78,6 +78,15 @@ def test_what_is_found_has_a_table_a_text_and_a_page(found, tmp_path):
     assert found.to_dict()["n_found"] == N
 
 
+def test_a_board_may_have_a_name_in_the_table(truearm, folder, tmp_path):
+    board = "A=charuco:7x6,40mm,30mm"
+    out = tmp_path / "pixels.csv"
+    done = truearm("corners", folder / "joints.csv", folder / "joints-images", "--board", board, "--out", out)
+    assert done.code == 0, done.err
+    assert set(read_pixels(out).board) == {"A"}
+    assert "of board A" in done.out
+
+
 def test_the_same_simulation_is_written_again_the_same_and_replaces_nothing(cell, folder, tmp_path):
     again = made()
     again.save(tmp_path / "joints.csv")

@@ -123,6 +123,14 @@ class Board:
         found: FloatArray = self.points[places]
         return found
 
+    @property
+    def turned(self) -> Board | None:
+        """The board with the numbers along its sides exchanged; None of a list of points and of equal ones."""
+        if self.across == self.down:
+            return None
+        first, sign, rest = self.name.partition(f"{self.across}x{self.down}")
+        return parse_board(f"{first}{self.down}x{self.across}{rest}") if sign else None
+
     def renamed(self, name: str) -> Board:
         """The same board by another name."""
         return replace(self, name=name)

@@ -17,7 +17,7 @@ from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verbs.record import number_of
 from truearm.wings.camera.boards import Board, parse_board
-from truearm.wings.camera.images import LEAST_CORNERS, Images, guess_lens
+from truearm.wings.camera.images import LEAST_CORNERS, Images, guess_lens, homography_misfit
 from truearm.wings.camera.lenses import Lens, read_camera
 from truearm.wings.camera.observations import PixelObservations, read_pixels
 
@@ -26,6 +26,10 @@ CameraLike: TypeAlias = Lens | str | Path
 PixelsLike: TypeAlias = PixelObservations | str | Path
 # NAME=TEXT; the text of a board may have an equals sign itself, behind its colon.
 _NAMED = re.compile(r"([^:=]+)=(.+)")
+# What gives two boards of one text two names.
+NAMING = "truearm corners --board NAME=TEXT"
+# Corners that lie as those of a board are this share of their spread or less from a homography of it, with distortion.
+LAID_OUT = 0.2
 
 
 def by_name(words: Sequence[str]) -> dict[str, str]:
@@ -82,6 +86,11 @@ class CellImages:
         """What a message calls an image: ``image_05.png (line 6)``."""
         name, reading = self.names[place], self.readings.called(int(self.rows[place]))
         return reading if name == f"reading {self.numbers[place]}" else f"{name} ({reading})"
+
+    def seen_by(self, place: int) -> str:
+        """What a message about the images of a camera and a board begins with where there are several."""
+        of = self.images
+        return _said_of(of, (of.cameras[of.camera[place]],), (of.boards[of.board[place]],))
 
     @classmethod
     def of(
@@ -143,7 +152,7 @@ def _boards(seen: PixelObservations, stated: BoardLike | Mapping[str, BoardLike]
     names = np.unique(seen.board).tolist()
     if "" in known and len(known) == len(names) == 1:
         return {names[0]: _checked_board(seen, names[0], known[""])}
-    _check_names(seen, "board", names, known, "--board NAME=TEXT for each")
+    _check_names(seen, "board", names, known, f"--board NAME=TEXT for each name in the tables, {NAMING} writes them")
     return {name: _checked_board(seen, name, known[name]) for name in names}
 
 
@@ -207,7 +216,7 @@ def _in_hand(cameras: list[str], stated: bool | Sequence[str], seen: PixelObserv
                 "board stands, or is on the flange",
                 file=seen.file,
                 column="board",
-                hint="give two boards two names, or correct --on-flange",
+                hint=f"give two boards two names ({NAMING}), or correct --on-flange",
             )
     return np.isin(cameras, named)
 
@@ -256,6 +265,7 @@ def _images(
         tuple(cameras),
         tuple(names),
     )
+    _check_layout(images, list(boards.values()), seen)
     flat = [one.is_flat for one in boards.values()]
     found = [_lens(images, k, lens, u_camera_px, seen.sizes_px.get(name), flat)
              for k, (name, lens) in enumerate(lenses.items())]  # fmt: skip
@@ -307,6 +317,28 @@ def _enough(
     return shows, findings
 
 
+def _said_of(images: Images, cameras: Sequence[str] = (), boards: Sequence[str] = ()) -> str:
+    """Camera and board that a message begins with, of those of which there are several."""
+    named = [f"camera {name}" for name in cameras if len(images.cameras) > 1]
+    named += [f"board {name}" for name in boards if len(images.boards) > 1]
+    return f"{', '.join(named)}: " if named else ""
+
+
+def _check_layout(images: Images, boards: Sequence[Board], seen: PixelObservations) -> None:
+    """Refuse corners that do not lie as those of their flat board: it has other numbers of squares."""
+    for k, board in enumerate(boards):
+        pixels = images.pixels[images.board == k]
+        if not board.is_flat or homography_misfit(images.corners[k], pixels) <= LAID_OUT:
+            continue
+        turned = board.turned
+        problem = f"the corners do not lie in the images as those of board {board.name}"
+        hint = "the board that the images show, in --board"
+        if turned is not None and homography_misfit(turned.points, pixels) <= LAID_OUT:
+            problem += f", but as those of {turned.name}"
+            hint = f"--board {f'{images.boards[k]}=' * (len(boards) > 1)}{turned.name}"
+        raise InputError(_said_of(images, boards=(images.boards[k],)) + problem, file=seen.file, hint=hint)
+
+
 def _lens(
     images: Images, k: int, stated: Lens | None, u_px: float | None, size: tuple[int, int] | None, is_flat: list[bool]
 ) -> tuple[Lens, FloatArray]:
@@ -321,5 +353,8 @@ def _lens(
         raise InputError("a board that is not flat needs the camera's intrinsics", hint="state the camera's file")
     pixels = images.pixels[rows]
     at_least = (np.ceil(np.nanmax(pixels, axis=(0, 2))).astype(int) + 1).tolist()
-    lens = guess_lens(images.corners_of_images[rows], pixels, size or at_least)
+    try:
+        lens = guess_lens(images.corners_of_images[rows], pixels, size or at_least)
+    except InputError as error:
+        raise InputError(f"{_said_of(images, (images.cameras[k],))}{error.problem}", hint=error.hint) from None
     return lens, np.full(len(lens.intrinsics), np.inf)

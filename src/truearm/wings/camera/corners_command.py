@@ -34,6 +34,7 @@ def corners(
     image k in the order of their names belongs to row k. --page shows every image with its corners and residuals.
 
     The table is that of reading, image, camera, board, corner, u_px, v_px; other detectors may write it too.
+    Of several cameras and boards --camera-name and --board NAME=TEXT give the names there.
     """
     from truearm.wings.camera.find_corners import check_corners_output
     from truearm.wings.camera.image_files import list_images

@@ -195,7 +195,7 @@ def find_corners(
     images : path
         Folder with the images: PNG, JPEG, BMP, TIFF or PGM, all of one camera.
     board : str
-        Its text, as ``charuco:8x11,15mm,11mm``; see `draw_board`.
+        Its text, as ``charuco:8x11,15mm,11mm``, or ``NAME=TEXT``: what the table calls it; see `draw_board`.
     camera : path, optional
         The camera's intrinsics (camera_info of ROS, .yaml); they are not needed to find corners, and checked.
     camera_name : str

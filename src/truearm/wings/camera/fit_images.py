@@ -294,6 +294,11 @@ def _size_findings(images: Images, scales: FloatArray, u_scales: FloatArray) -> 
             yield Finding("hand-eye", said, {"size": scale, "u": u})
 
 
+def _begun(who: str, said: str) -> str:
+    """A sentence that says first of what it is: ``Camera left: the board ..``."""
+    return f"{who[0].upper()}{who[1:]}{said[0].lower()}{said[1:]}" if who else said
+
+
 @dataclass(frozen=True, eq=False)
 class _Pair:
     """A camera and a board that it sees: the images that belong to their poses, and where both are."""
@@ -309,15 +314,14 @@ class _Pair:
 
     @classmethod
     def of(
-        cls,
-        names: tuple[str, str],
-        rows: IntArray,
-        flange: FloatArray,
-        seen: FloatArray,
-        in_hand: bool,
-        called: Callable[[int], str],
+        cls, names: tuple[str, str], rows: IntArray, flange: FloatArray, seen: FloatArray, cell: CellImages
     ) -> _Pair:
         """By the poses (n, 4, 4) of the flange in the base, and of the board in the camera."""
+        camera = int(cell.images.camera[rows[0]])
+        in_hand, who, remedies = bool(cell.in_hand[camera]), cell.seen_by(int(rows[0])), OF_IMAGES
+        if len(name := cell.images.cameras) > 1:
+            others = f"--on-flange of the cameras on the flange only, without {name[camera]}"
+            remedies = replace(OF_IMAGES, mounts=(f"--on-flange {name[camera]}", others))
         found: Interpretation | None = None
         contradiction = None
         try:
@@ -325,16 +329,17 @@ class _Pair:
                 Poses.of_motions(flange, "mm"),
                 Poses.of_motions(seen, "mm"),
                 eye_in_hand=in_hand,
-                called=lambda i: called(int(rows[i])),
-                remedies=OF_IMAGES,
+                called=lambda i: cell.called(int(rows[i])),
+                remedies=remedies,
             )
         except InputError as error:
-            contradiction = error
+            contradiction = type(error)(f"{who}{error.problem}", hint=error.hint)
         if found is None:
             A = inverse(flange) if in_hand else flange
             start, turn, sentences = closed_form(A, seen, sized=False), float("nan"), tuple[str, ...]()
         else:
-            A, seen, start, turn, sentences = found.A, found.C, found.start, found.turn_deg, found.sentences
+            A, seen, start, turn = found.A, found.C, found.start, found.turn_deg
+            sentences = tuple(_begun(who, said) for said in found.sentences)
             rows = rows[found.rows]
         alone = refined(A, seen, start)
         T = inverse(alone.X) if in_hand else alone.Y
@@ -372,8 +377,7 @@ class _Placed:
         pairs = []
         for carried, standing, own in poses.pairs():
             rows = np.flatnonzero(own)
-            in_hand = bool(cell.in_hand[images.camera[rows[0]]])
-            pairs.append(_Pair.of((carried, standing), rows, flange[rows], seen[rows], in_hand, cell.called))
+            pairs.append(_Pair.of((carried, standing), rows, flange[rows], seen[rows], cell))
         T_child_tip, tip = _tips(poses, pairs)
         poses = replace(poses, T_child_tip=T_child_tip).named().select(np.sort(np.concatenate([p.rows for p in pairs])))
         return cls(

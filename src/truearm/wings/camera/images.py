@@ -459,6 +459,23 @@ def _scaled(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.column_stack([points, np.ones(len(points))]) @ T.T, T
 
 
+def homography_misfit(corners: FloatArray, pixels: FloatArray) -> float:
+    """How far corners (c, 3) of a flat board are from their best homography to pixels (m, 2, k), over their spread.
+
+    The median of the images with twice as many corners as a homography needs; 0 without one.
+    """
+    found = []
+    for image in pixels[:, :, : len(corners)]:
+        shown = ~np.isnan(image[0])
+        if shown.sum() < 2 * LEAST_CORNERS:
+            continue
+        at = corners[shown, :2]
+        A, off = np.column_stack([at, np.ones(len(at))]) @ _homography(at, image[:, shown].T).T, image[:, shown].T
+        left = A[:, :2] / A[:, 2:] - off
+        found.append(float(np.sqrt((left**2).sum() / ((off - off.mean(axis=0)) ** 2).sum())))
+    return float(np.median(found)) if found else 0.0
+
+
 def guess_lens(corners: FloatArray, pixels: FloatArray, size_px: Sequence[int]) -> Lens:
     """A lens without distortion whose centre is that of the image, by homographies of flat boards.
 

@@ -45,6 +45,8 @@ class Remedies:
         Where some images contradict the others.
     inverted : bool
         Whether poses may be inverted; ``--invert`` says so then.
+    mounts : (str, str)
+        Where the camera is on the flange instead, and where it stands.
     size_of : str
         Of what the size that does not fit is.
     sized : str
@@ -54,6 +56,7 @@ class Remedies:
     paired: str
     removed: str
     inverted: bool
+    mounts: tuple[str, str]
     size_of: str
     sized: str
 
@@ -64,6 +67,7 @@ OF_POSES = Remedies(
     paired=PAIRED,
     removed="remove these rows",
     inverted=True,
+    mounts=("--eye-in-hand", "--no-eye-in-hand"),
     size_of="the size that its poses have",
     sized="measure the squares of the board; --board-size {size} corrects the poses",
 )
@@ -71,6 +75,7 @@ OF_IMAGES = Remedies(
     paired=f"{PAIRED}, and that it is this arm",
     removed="remove the rows of these images from the table of pixels",
     inverted=False,
+    mounts=("--eye-in-hand", "omit --eye-in-hand, or the camera's --on-flange"),
     size_of="its stated size",
     sized="measure the squares of the board, and state their side in --board",
 )
@@ -294,15 +299,14 @@ def _refuse_misfit(
 ) -> None:
     """Refuse poses whose positions fit another way, or none."""
     rms = found[0][WAYS[0]].rms_mm
-    where, elsewhere, option = "beside the robot", "on the flange", "--eye-in-hand"
+    where, elsewhere = "beside the robot", "on the flange"
     if eye_in_hand:
         where, elsewhere = elsewhere, where
-        option = "--no-eye-in-hand" if remedies.inverted else "omit --eye-in-hand, or the camera's --on-flange"
     misses = f"the positions miss each other by {rms:.3g} mm" if np.isfinite(rms) else "the positions do not fit"
     misses += f" with the camera {where}"
     best = {way: min(fits[way].rms_mm for fits in found) for way in WAYS[1:]}
     left = best["inverted"]
-    words, hint = f"with the camera {elsewhere} it is {left:.3g} mm", option
+    words, hint = f"with the camera {elsewhere} it is {left:.3g} mm", remedies.mounts[eye_in_hand]
     if remedies.inverted:
         words += f". If the camera is {where}, the poses of robot or board are inverted"
         hint += ", or --invert board (or robot)"
