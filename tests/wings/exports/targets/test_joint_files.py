@@ -235,6 +235,13 @@ BAD = {
     "some.nc": ("G1 J1=1 J2=2\n", "expected all 5 joints of the arm"),
     "xyz.nc": ("G1 X1 A1 B2 C3 U4 V5\n", "no other axes"),
     "increments.nc": ("G91\nG1 J1=1 J2=2 J3=3 J4=4 J5=5\n", "G91 changes what joints mean"),
+    "exponent.nc": ("G1 J1=1e1 J2=2 J3=3 J4=4 J5=5\n", "line 1: .* as plain numbers, .*got J1=1e1"),
+    "exponent_of_letters.nc": ("G1 A1E1 B2 C3 U4 V5\n", "got A1E1"),
+    "sum.nc": ("G1 J1=1 + 2 J2=2 J3=3 J4=4 J5=5\n", r"got J1=1[.]"),
+    "variables.nc": ("G1 A1 B2 C3 U4 V5\nG1 A#1 B[2+#5] C=3 U-#4 V5\n", r"line 2: .*got A#1, B\[2\+#5\], C=3, U-#4"),
+    "variables_of_joints.nc": ("G1 J1=#1 J2=2 J3=3 J4=4 J5=5\n", "got J1=#1"),
+    "cartesian.nc": ("G1 J1=1 J2=2 J3=3 J4=4 J5=5\nG1 X100 Y50 Z20\n", "line 2: .*got X100, Y50, Z20"),
+    "tenth.nc": ("G1 J1=1 J2=2 J3=3 J4=4 J5=5 J10=6\n", "got J10=6"),
     "empty.nc": ("M30\n", "expected lines with joints"),
     "unit.csv": ("J1,J2,J3,J4,J5\n1,2,3,4,5\n", "do not say their unit"),
     "cells.csv": (",".join(NAMES) + "\n1,2,3,4\n", "do not say their unit"),
@@ -281,6 +288,22 @@ def test_the_folder_of_a_data_set_is_answered_with_its_file(model, tmp_path, ref
     command = ["correct", tmp_path / "m.truearm", tmp_path / "ds", "--out", tmp_path / "o.csv"]
     refused(command, "episode_000000.parquet")
     refused([*command, "--subdivide", "50mm"], "expected a number of mm")
+
+
+@pytest.mark.parametrize(
+    "line", ["G1A1B-2.5C+3U.4V5F100", "N1 G1 A 1 B 2 C 3, U 4 V 5 E6 O<a1> #1=A", "g1 a1 b2 c3 u4 v5 m3"]
+)
+def test_words_of_gcode_need_no_spaces(unchanged, tmp_path, line):
+    (tmp_path / "a.nc").write_text(f"M6 T1\n{line}\n")
+    assert len(ta.correct(unchanged, tmp_path / "a.nc", untrained="accept").targets) == 1
+
+
+def test_letters_are_names_of_six_joints(tmp_path):
+    arm = ta.load_arm("xarm7")
+    q = np.random.default_rng(0).uniform(-1, 1, (30, 7))
+    model = ta.NominalModel(arm).fit(q, arm.chain.tip_in_base(q))
+    (tmp_path / "a.nc").write_text("G1 A1 B2 C3 U4 V5 W6\n")
+    refuses("expected J1=10 J2=-20 .., the 7 joints of the arm", ta.correct, model, tmp_path / "a.nc")
 
 
 def test_rows_that_lack_a_joint_are_refused(model, tmp_path):

@@ -24,9 +24,11 @@ TITLE = "G-code"
 LETTERS = "ABCUVW"
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
 _COMMENT = re.compile(r"\([^)\n]*\)|;[^\n]*")
-_NUMBERED = re.compile(rf"(?<![A-Z])J([1-9])(?:\s*=\s*|\s+)({_NUMBER})", re.IGNORECASE)
-_LETTERED = re.compile(rf"(?<![A-Z#])([{LETTERS}])\s*({_NUMBER})", re.IGNORECASE)
-_CARTESIAN = re.compile(rf"(?<![A-Z#])[XYZ]\s*{_NUMBER}", re.IGNORECASE)
+# No exponent, and no expression: what follows is the next word.
+_ENDS = r"(?=[A-DF-Z]|[ \t]+[A-Z]|[ \t]*(?:[,\r\n]|\Z))"
+_NUMBERED = re.compile(rf"(?<![A-Z])J([1-9])(?:\s*=\s*|\s+)({_NUMBER}){_ENDS}", re.IGNORECASE)
+_LETTERED = re.compile(rf"(?<![A-Z#])([{LETTERS}])\s*({_NUMBER}){_ENDS}", re.IGNORECASE)
+_AXIS = re.compile(rf"(?<![A-Z#_<])[J{LETTERS}XYZ][ \t]*[-+.\d=#\[][^\s,]*", re.IGNORECASE)
 # Increments, and a shift of what all numbers mean.
 _OTHER_MEANING = re.compile(r"(?<![A-Z])G0*(91|92(?:\.\d)?)(?![\d.])", re.IGNORECASE)
 
@@ -37,7 +39,8 @@ def read_gcode(content: bytes, arm: Arm, direction: TargetDirection) -> JointFil
     Raises
     ------
     InputError
-        If no line states joints, one states some of them only, or numbers are increments; with the line.
+        If no line states joints, one states some of them only, other axes or joints in another form, or numbers are
+        increments; with the line.
     """
     text = content.decode("latin-1")
     check_not_corrected(text, direction)
@@ -45,6 +48,8 @@ def read_gcode(content: bytes, arm: Arm, direction: TargetDirection) -> JointFil
     numbered = _NUMBERED.search(code) is not None
     words = _NUMBERED if numbered else _LETTERED
     wanted = [str(i + 1) for i in range(arm.n_joints)] if numbered else list(LETTERS[: arm.n_joints])
+    if not numbered and arm.n_joints > len(LETTERS):
+        raise InputError(f"expected J1=10 J2=-20 .., the {arm.n_joints} joints of the arm, got none")
     rows: list[list[float]] = []
     lines: list[str] = []
     spans: list[list[Span]] = []
@@ -53,13 +58,14 @@ def read_gcode(content: bytes, arm: Arm, direction: TargetDirection) -> JointFil
         if other := _OTHER_MEANING.search(line):
             raise InputError(f"{other[0]} changes what joints mean: corrected are absolute joints only", line=number)
         found = {one[1].upper(): one for one in words.finditer(line)}
-        if found:
-            if sorted(found) != sorted(wanted) or _CARTESIAN.search(line):
-                said = ", ".join(f"J{name}" if numbered else name for name in found)
+        other_axes = _AXIS.findall(words.sub(" ", line))
+        if found or other_axes:
+            if sorted(found) != sorted(wanted) or other_axes:
+                said = ", ".join(other_axes[:9] or [f"J{name}" if numbered else name for name in found])
                 raise InputError(
-                    f"expected all {arm.n_joints} joints of the arm and no other axes, got {said}",
+                    f"expected all {arm.n_joints} joints of the arm as plain numbers, and no other axes, got {said}",
                     line=number,
-                    hint=f"write {'J1= ..' if numbered else ', '.join(wanted)} on every line that moves a joint",
+                    hint=f"write {'J1=10 ..' if numbered else ', '.join(wanted)} on every line that moves a joint",
                 )
             rows.append([float(found[name][2]) for name in wanted])
             lines.append(f"line {number}")
