@@ -456,7 +456,7 @@ class CorrectedTargets(TableRecord):
         """What a person must know of these targets."""
         yield from accepted_in_fit(self.model.accepted_)
         of_file = self.targets.joint_file
-        yield from of_file.remarks if of_file else ()
+        yield from of_file.findings(self.joints) if of_file else ()
         n_joints = self.model.arm_.n_joints
         if len(turns_of(self.model.nominal_.chain)) == 1:
             said = "A SCARA is corrected in position and turn about its axes"

@@ -298,6 +298,95 @@ def test_words_of_gcode_need_no_spaces(unchanged, tmp_path, line):
     assert len(ta.correct(unchanged, tmp_path / "a.nc", untrained="accept").targets) == 1
 
 
+OLD = ",".join(f"main_{name}" for name in NAMES)
+TWICE = ",".join((*NAMES, "action.shoulder_pan.pos"))
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        (OLD, r"before it changed the zeros.*backward_compatibility/replay\.py"),
+        (TWICE, "the columns shoulder_pan, action.shoulder_pan.pos are the same joint"),
+        *(
+            (",".join(name.format(i) for i in range(1, 6)), "do not say that they are positions")
+            for name in (
+                "joint{}_vel",
+                "J{}_torque",
+                "joint_{}_effort",
+                "j{}.current",
+                "f{}",
+                "a_dot{}",
+                "tau_{}",
+                "vel_joint{}_raw",
+            )
+        ),
+    ],
+)
+def test_columns_that_are_no_positions_are_refused(model, tmp_path, header, said):
+    (tmp_path / "t.csv").write_text(f"{header}\n{','.join('1' * len(header.split(',')))}\n")
+    refuses(said, ta.correct, model, tmp_path / "t.csv", angle_unit="deg")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "J{}",
+        "joint_{}",
+        "r2_j{}",
+        "panda_joint{}",
+        "lbr_A{}.pos",
+        "q{}",
+        "joint{}_pos",
+        "joint{}/position",
+        "position[{}]",
+        "arm.joint {} deg",
+    ],
+)
+def test_columns_of_positions_are_joints(unchanged, tmp_path, name):
+    (tmp_path / "t.csv").write_text(",".join(name.format(i) for i in range(1, 6)) + "\n1,2,3,4,5\n")
+    done = ta.correct(unchanged, tmp_path / "t.csv", angle_unit="deg", untrained="accept")
+    np.testing.assert_allclose(np.degrees(done.targets.joints), [[1, 2, 3, 4, 5]], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "inside", "end"), [("percent", "0", "100"), ("counts", "2047", "3147"), ("deg", "0", "96.7")]
+)
+def test_a_correction_that_lerobot_cuts_off_is_said(model, tmp_path, unit, inside, end):
+    from test_lerobot_motors import calibration
+
+    motors = json.loads(calibration())
+    for motor in motors.values():
+        motor |= {"range_min": 947, "range_max": 3147, "drive_mode": 0}
+    (tmp_path / "cal.json").write_text(json.dumps(motors))
+    rows = [
+        ",".join([inside] * 5),
+        ",".join([inside, inside, end, inside, inside]),
+        ",".join([inside, inside, f"{2 * float(inside) - float(end):g}", inside, inside]),
+    ]
+    (tmp_path / "t.csv").write_text("\n".join([",".join(NAMES), *rows, ""]))
+    options = {"angle_unit": unit, "motors": str(tmp_path / "cal.json"), "untrained": "accept"}
+    done = ta.correct(model, tmp_path / "t.csv", **options)
+    count = int((np.abs(np.degrees(done.joints)) > 1100.5 / 4095 * 360).any(axis=1).sum())  # half a tick beyond
+    assert count, np.degrees(done.joints)
+    said = "\n".join(done.blocks())
+    assert f"{count} of 3 targets are beyond the range of a motor after the correction, first line" in said
+    read = ta.correct(model, tmp_path / "t.csv", direction="feedback", **options)
+    assert "range of a motor" not in "\n".join(read.blocks())
+
+
+def test_a_small_parquet_file_that_is_large_is_refused(model, tmp_path):
+    n = 2**23 + 1
+    long = pa.ListArray.from_arrays(pa.array([0, n], pa.int32()), pa.array(np.zeros(n, dtype=np.float32)))
+    pq.write_table(pa.table({"action": long}), tmp_path / "cells.parquet", compression="zstd")
+    wide = {"action": pa.array([[1.0] * 6]), "z": pa.array(["x" * (2**28 + 1)])}
+    pq.write_table(pa.table(wide), tmp_path / "bytes.parquet", compression="zstd", write_statistics=False)
+    for name in ("cells", "bytes"):
+        assert (tmp_path / f"{name}.parquet").stat().st_size < 100_000
+        refuses(
+            f"expected at most .* {name} without", ta.correct, model, tmp_path / f"{name}.parquet", angle_unit="deg"
+        )
+
+
 def test_letters_are_names_of_six_joints(tmp_path):
     arm = ta.load_arm("xarm7")
     q = np.random.default_rng(0).uniform(-1, 1, (30, 7))

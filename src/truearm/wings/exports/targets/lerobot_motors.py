@@ -184,10 +184,7 @@ def check_motor_values(values: FloatArray, rows: Sequence[str], *, unit: str, mo
     InputError
         With the name of the row, and the units that the values can have.
     """
-    lowest, highest = (motors.lowest, motors.highest) if motors else (np.zeros(5), np.full(5, float(TICKS_PER_TURN)))
-    half, shift = (highest - lowest) / 2, (highest + lowest) / 2
-    middle = {"deg": np.zeros(5), "percent": np.zeros(5), "counts": shift}
-    ranges = {"deg": np.degrees(half / TICKS_PER_RAD), "percent": np.full(5, 100.0), "counts": half}
+    middle, ranges = _ranges(motors)
     beyond = {name: np.abs(values - middle[name]) > ranges[name] * (1 + 2 * _BEYOND) for name in ranges}
     if not beyond[unit].any():
         return
@@ -200,6 +197,21 @@ def check_motor_values(values: FloatArray, rows: Sequence[str], *, unit: str, mo
         row=rows[row],
         hint=" or ".join(possible) or "another --angle-unit, or --motors with the calibration of this arm",
     )
+
+
+def _ranges(motors: Motors | None) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Middles and halves (5,) of the motors' ranges in each unit, or of a full turn."""
+    lowest, highest = (motors.lowest, motors.highest) if motors else (np.zeros(5), np.full(5, float(TICKS_PER_TURN)))
+    half, shift = (highest - lowest) / 2, (highest + lowest) / 2
+    middle = {"deg": np.zeros(5), "percent": np.zeros(5), "counts": shift}
+    return middle, {"deg": np.degrees(half / TICKS_PER_RAD), "percent": np.full(5, 100.0), "counts": half}
+
+
+def sent_range(unit: str, motors: Motors) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest values (5,) that reach the motors, to half a tick: LeRobot or the servo cuts off the rest."""
+    middle, ranges = _ranges(motors)
+    half = ranges[unit] * (1 + 0.5 / ranges["counts"])
+    return middle[unit] - half, middle[unit] + half
 
 
 def check_no_data_set(path: Path) -> None:

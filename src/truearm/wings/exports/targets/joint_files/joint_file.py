@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -44,6 +44,8 @@ class JointFile:
         What each row of the values is called, such as ``line 7``.
     remarks : tuple of str
         What was taken for the joints, where the file leaves it open, and whether it has a place for the mark.
+    sent : tuple of (n_joints,) arrays, optional
+        Lowest and highest values that the program of the file sends; it cuts off the rest.
     """
 
     title: str
@@ -52,11 +54,26 @@ class JointFile:
     content: Callable[[FloatArray, str], bytes]
     rows: Sequence[str]
     remarks: tuple[str, ...] = ()
+    sent: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def joints(self) -> FloatArray:
         """(n, n_joints) joints [rad, or mm]."""
         return self.scale.to_angles(self.values)
+
+    def findings(self, joints: FloatArray) -> Iterator[str]:
+        """What a person must know of the file with corrected joints [rad, or mm]."""
+        yield from self.remarks
+        if self.sent is not None:
+            values = self.scale.to_values(joints)
+            beyond = (values < self.sent[0]) | (values > self.sent[1])
+            if beyond.any():
+                row, joint = np.argwhere(beyond)[0].tolist()
+                yield (
+                    f"{int(beyond.any(axis=1).sum())} of {len(values)} targets are beyond the range of a motor after "
+                    f"the correction, first {self.rows[row]} with {values[row, joint]:.6g} of joint {joint + 1}: "
+                    "LeRobot sends the end of the range, and their correction is lost. Plan them further inside."
+                )
 
     def corrected(self, joints: FloatArray, mark: str) -> bytes:
         """The content with corrected joints [rad, or mm]; joints that did not change keep their bytes."""

@@ -32,13 +32,21 @@ from truearm.wings.exports.targets.lerobot_motors import (
     check_motor_values,
     joint_values,
     motors_and_arm,
+    sent_range,
 )
 
 # Of LeRobot's datasets: what the motors should do, and what they did.
 COMMANDED, READ = "action", "observation.state"
 TITLE = "table of joints"
-MAX_CELLS = 2**25
-_BEFORE = re.compile(r"^(?:main_|(?:action|observation\.state)\.)*|(?:\.pos|/position)$")
+MAX_CELLS = 2**23
+# Without compression.
+MAX_BYTES = 2**28
+_BEFORE = re.compile(r"^(?:action|observation\.state)\.|(?:\.pos|/position)$")
+# Names with a joint's number that are not of velocities, currents, or forces.
+_OF_POSITION = re.compile(
+    r"(?:.*[^a-z])?(?:q|j|a|joint|axis|theta|pos|position|angle)s?[^a-z\d]?\d+\W*(?:[^a-z]?(?:pos|position|angle|deg|rad))*",
+    re.IGNORECASE,
+)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 SEPARATORS = ",;\t"
 # Of a value whose last digit is that of the encoder: no decimals [rad].
@@ -59,15 +67,30 @@ def motor_columns(names: Sequence[str], lists: str) -> list[str] | None:
     Raises
     ------
     InputError
-        If the lists have other numbers than those of one arm.
+        If the lists have other numbers than those of one arm, two columns are the same motor, or the motors have the
+        names of before LeRobot changed their zeros.
     """
     plain = plain_names(names, lists)
+    if {f"main_{motor}" for motor in MOTORS} & set(plain):
+        raise InputError(
+            f"main_{MOTORS[0]} .. are of LeRobot before it changed the zeros and the unit of the joints",
+            hint="convert them as LeRobot's examples/backward_compatibility/replay.py does",
+        )
     if set(MOTORS) <= set(plain):
-        return [names[plain.index(motor)] for motor in MOTORS]
+        return [names[i] for i in columns_of(MOTORS, plain, names)]
     count = sum(bool(re.fullmatch(rf"{re.escape(lists)}\[\d+\]", name)) for name in names)
     if count:
         check_list_length(lists, count)
     return [f"{lists}[{i}]" for i in range(len(MOTORS))] if count else None
+
+
+def columns_of(joints: Sequence[str], plain: Sequence[str], names: Sequence[str]) -> list[int]:
+    """Where joints stand among plain names; refused if two columns are the same joint."""
+    for joint in joints:
+        if plain.count(joint) > 1:
+            same = [name for name, one in zip(names, plain, strict=True) if one == joint]
+            raise InputError(f"the columns {', '.join(same)[:200]} are the same joint", hint="delete all but one")
+    return [plain.index(joint) for joint in joints]
 
 
 def check_list_length(name: str, count: int) -> None:
@@ -108,12 +131,20 @@ class _Meaning:
         elif of_motors is not None:
             self.columns = [list(names).index(name) for name in of_motors]
         elif set(arm.joint_names) <= set(plain):
-            self.columns = [plain.index(name) for name in arm.joint_names]
+            self.columns = columns_of(arm.joint_names, plain, names)
         elif not any(map(ANGLE.fullmatch, names)) and (places := places_of(plain, arm)) is not None:
+            if not (
+                any(set(known) <= set(plain) for known in known_names(arm)) or all(map(_OF_POSITION.fullmatch, plain))
+            ):
+                raise InputError(
+                    f"the columns {', '.join(names)[:200]} do not say that they are positions of joints",
+                    hint="if they are, give them such names as joint1, joint2",
+                )
             self.columns = places
         self.scale: JointValues
         self._unit = unit if is_lerobot else None
         self._motors: Motors | None = None
+        self.sent: tuple[FloatArray, FloatArray] | None = None
         if not self.columns:
             # Most joints of the arm: a table of joints that lacks one.
             known = [name for name in plain if any(name in names for names in known_names(arm))]
@@ -128,6 +159,8 @@ class _Meaning:
                 raise InputError(f"expected the model of an SO-100 or SO-101, got one of {arm.name!r}")
             self._motors, stated = motors_and_arm(motors)
             self.scale = joint_values(unit, self._motors, stated or arm.name)
+            if unit is not None and self._motors is not None and direction == "command":
+                self.sent = sent_range(unit, self._motors)
         elif motors:
             raise InputError("--motors is of LeRobot's columns, and these are others", hint="omit it")
         elif unit in ("deg", "rad"):
@@ -192,7 +225,7 @@ def read_csv(content: bytes, arm: Arm, direction: TargetDirection, unit: str | N
     def written(after: FloatArray, _: str) -> bytes:
         return edited(text, spans, before, after, digits).encode("latin-1")
 
-    return JointFile(TITLE, before, meaning.scale, written, rows, (meaning.said, NO_MARK))
+    return JointFile(TITLE, before, meaning.scale, written, rows, (meaning.said, NO_MARK), meaning.sent)
 
 
 def _cells(text: str, separator: str) -> list[list[Span]]:
@@ -219,9 +252,7 @@ def read_parquet(path: Path, arm: Arm, direction: TargetDirection, unit: str | N
     hint = "pip install 'truearm[parquet]', or save it as CSV"
     pa, pq = (extra_module(name, "Parquet needs the package pyarrow", hint) for name in ("pyarrow", "pyarrow.parquet"))
     try:
-        size = pq.read_metadata(path)
-        if size.num_rows * size.num_columns > MAX_CELLS:
-            raise InputError(f"expected at most {MAX_CELLS} cells, got {size.num_rows * size.num_columns}")
+        _check_size(pq.read_metadata(path))
         table = pq.ParquetFile(path).read()
     except InputError:
         raise
@@ -264,7 +295,19 @@ def read_parquet(path: Path, arm: Arm, direction: TargetDirection, unit: str | N
         pq.write_table(made, stream)
         return stream.getvalue()
 
-    return JointFile(TITLE, before, meaning.scale, written, rows, (meaning.said,))
+    return JointFile(TITLE, before, meaning.scale, written, rows, (meaning.said,), meaning.sent)
+
+
+def _check_size(stated: Any) -> None:
+    """Refuse a file that is large without its compression; repeated numbers take no bytes."""
+    groups = [stated.row_group(i) for i in range(stated.num_row_groups)]
+    cells = sum(group.column(i).num_values for group in groups for i in range(group.num_columns))
+    for what, size, limit in (
+        ("cells", cells, MAX_CELLS),
+        ("bytes", sum(g.total_byte_size for g in groups), MAX_BYTES),
+    ):
+        if size > limit:
+            raise InputError(f"expected at most {limit} {what} without compression, got {size}", hint="split the file")
 
 
 def _numbers(table: Any, column: int) -> FloatArray:
