@@ -14,6 +14,7 @@ from truearm.errors import InputError
 from truearm.identification.references.reading_references import poses_of
 from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.wings.camera.boards import charuco
+from truearm.wings.camera.cell_images import NAMING
 from truearm.wings.camera.closed_form import motion
 from truearm.wings.camera.fit_images import ImageFit, fit_images
 from truearm.wings.camera.lenses import read_camera
@@ -291,3 +292,31 @@ def test_images_of_the_fit_are_no_test():
     other = replace(some, board=np.full(len(some), "C"))
     with pytest.raises(InputError, match="C"):
         fit_images("ur5", session, pixels, board=BOARDS, model="kinematic", test=(session, other))
+
+
+@cache
+def mounted_anew() -> tuple[ta.Session, PixelObservations]:
+    """One board before two cameras, 30 mm along and 20 deg about its normal elsewhere before the second."""
+    first = cells()["left", "A"]
+    turned = Rotation.from_euler("z", 20, degrees=True).as_matrix()
+    moved = first.T_flange_mounted @ motion(turned, np.array([30.0, 0.0, 0.0]))
+    beside = VirtualCell.around(first.virtual, LENSES["right"], BOARDS["A"], in_hand=False, seed=5).T_world_fixed
+    second = replace(first, lens=LENSES["right"], T_flange_mounted=moved, T_world_fixed=beside)
+    return joined({("left", "A"): first, ("right", "A"): second})
+
+
+def test_a_board_that_was_mounted_anew_between_two_cameras_is_two_boards():
+    session, pixels = mounted_anew()
+    said = "the board sits differently for camera left and for right: the images of each leave 0"
+    with pytest.raises(InputError, match=said) as error:
+        fit_images("ur5", session, pixels, board=BOARDS["A"], model="kinematic")
+    assert f"give the two boards two names ({NAMING})" in (error.value.hint or "")
+    two = replace(pixels, board=np.where(pixels.camera == "left", "A", "B"))
+    assert fit_images("ur5", session, two, board={"A": BOARDS["A"], "B": BOARDS["A"]}, model="kinematic").n_used == 60
+
+
+def test_images_of_another_arm_name_it():
+    session, pixels = joined(cells(wrist=True))
+    with pytest.raises(InputError, match="camera left, board A: the board is") as error:
+        fit_images("ur10", session, pixels, board=BOARDS, eye_in_hand=["right"], model="kinematic")
+    assert "put this right: the arm is ur5, not ur10 (" in (error.value.hint or "")

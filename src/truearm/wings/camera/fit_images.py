@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from truearm.acceptance import accepts, contradict
 from truearm.arm import Arm
@@ -17,7 +19,9 @@ from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.findings import Finding, format_mm, in_order
 from truearm.identification.estimation.common_errors import CommonErrors
+from truearm.identification.judgement.description_check import likelier_arm
 from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.reference_table import reference_table
 from truearm.models.identified_model import IdentifiedModel, require_identified
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.solve.threads import one_blas_thread
@@ -26,7 +30,7 @@ from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_session
 from truearm.verbs.record import TextTable, format_fixed, number_of
 from truearm.wings.camera.camera_and_board import CameraAndBoard
-from truearm.wings.camera.cell_images import BoardLike, CameraLike, CellImages, PixelsLike
+from truearm.wings.camera.cell_images import NAMING, BoardLike, CameraLike, CellImages, PixelsLike
 from truearm.wings.camera.cell_poses import CellPoses
 from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
 from truearm.wings.camera.image_errors import ImageErrors
@@ -50,6 +54,9 @@ from truearm.wings.camera.pose_files import Poses
 CONTRADICTED, DOUBTED, LEAST_SHARE = 10.0, 4.0, 0.003
 # The board's size is said from so many standard uncertainties and this share on.
 SAID_SIZE, LEAST_SIZE = 3.0, 5e-4
+# What two cameras share, or two boards, sits differently before both where the images of each leave so many times more
+# with what the other's say of it than alone, and the identified arm leaves so many times more of all of them.
+LEAST_APART, LEAST_LEFT = 4.0, 2.5
 # Corners of the board that are gross errors in this share of the images are the board's, not the images'.
 OFTEN = 0.5
 
@@ -146,6 +153,7 @@ def fit_images(
         )
     except InputError as error:
         raise placed.contradiction or error from None
+    placed = replace(placed, findings=(*placed.findings, *_apart(placed, result)))
     return _fitted(cell, placed, settled, result, known_lengths, others)
 
 
@@ -307,6 +315,9 @@ class _Pair:
     standing: str
     rows: IntArray
     T_flange_carried: FloatArray
+    T_base_standing: FloatArray
+    flange: FloatArray
+    seen: FloatArray
     held_out_mm: FloatArray
     turn_deg: float
     sentences: tuple[str, ...]
@@ -314,7 +325,7 @@ class _Pair:
 
     @classmethod
     def of(
-        cls, names: tuple[str, str], rows: IntArray, flange: FloatArray, seen: FloatArray, cell: CellImages
+        cls, names: tuple[str, str], rows: IntArray, flange: FloatArray, seen: FloatArray, cell: CellImages, arm: Arm
     ) -> _Pair:
         """By the poses (n, 4, 4) of the flange in the base, and of the board in the camera."""
         camera = int(cell.images.camera[rows[0]])
@@ -333,7 +344,9 @@ class _Pair:
                 remedies=remedies,
             )
         except InputError as error:
-            contradiction = type(error)(f"{who}{error.problem}", hint=error.hint)
+            moved = inverse(seen) if in_hand else seen
+            hint = _another_arm(arm, Session(cell.readings.angles[cell.rows[rows]], moved[:, :3, 3]))
+            contradiction = type(error)(f"{who}{error.problem}", hint=hint or error.hint)
         if found is None:
             A = inverse(flange) if in_hand else flange
             start, turn, sentences = closed_form(A, seen, sized=False), float("nan"), tuple[str, ...]()
@@ -342,8 +355,56 @@ class _Pair:
             sentences = tuple(_begun(who, said) for said in found.sentences)
             rows = rows[found.rows]
         alone = refined(A, seen, start)
-        T = inverse(alone.X) if in_hand else alone.Y
-        return cls(*names, rows, T, alone.held_out_mm, turn, sentences, contradiction)
+        carried, standing = (inverse(alone.X), alone.Y) if in_hand else (alone.Y, inverse(alone.X))
+        flange, seen = (inverse(A), inverse(seen)) if in_hand else (A, seen)
+        return cls(*names, rows, carried, standing, flange, seen, alone.held_out_mm, turn, sentences, contradiction)
+
+    def left_mm(self, other: _Pair) -> float:
+        """Root mean square distance that is left with what `other` says of what both share, carried or standing."""
+        moved, seen = self.flange @ other.T_flange_carried, self.seen
+        if self.carried != other.carried:
+            moved, seen = inverse(self.flange) @ other.T_base_standing, inverse(seen)
+        R = Rotation.from_matrix(moved[:, :3, :3] @ seen[:, :3, :3].transpose(0, 2, 1)).mean().as_matrix()
+        left = moved[:, :3, 3] - seen[:, :3, 3] @ R.T
+        return float(np.sqrt(((left - left.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _another_arm(arm: Arm, readings: Session) -> str | None:
+    """The arm of the catalogue that explains readings which contradict the one that is stated, as a remedy."""
+    table = reference_table(readings)
+    other = None if table is None else likelier_arm(arm, table)
+    return None if other is None else f"put this right: {other} ({format_mm(other.error_mm)} remain)"
+
+
+def _apart(placed: _Placed, result: FitResult) -> Iterator[Finding]:
+    """What sits differently before one camera than before another, or with one board than with another.
+
+    Raises
+    ------
+    Contradiction
+        If something does.
+    """
+    is_camera = set(placed.poses.images.cameras).__contains__
+    for one, other in combinations(placed.pairs, 2):
+        shared = {one.carried, one.standing} & {other.carried, other.standing}
+        alone = max(float(np.sqrt((pair.held_out_mm**2).mean())) for pair in (one, other))
+        if not shared or (result.held_out_mm is not None and result.held_out_mm[0] < LEAST_LEFT * alone):
+            continue
+        apart = min(one.left_mm(other), other.left_mm(one))
+        if apart < LEAST_APART * alone:
+            continue
+        name = next(iter(shared))
+        kind, whose, hint = "board", "camera", f"give the two boards two names ({NAMING})"
+        if is_camera(name):
+            kind, whose, hint = "camera", "board", "give the camera two names (truearm corners --camera-name)"
+        places = [pair.standing if name == pair.carried else pair.carried for pair in (one, other)]
+        said = (
+            f"{'the board' if name == kind else f'{kind} {name}'} sits differently for {whose} {places[0]} and for "
+            f"{places[1]}: the images of each leave {format_mm(alone)} alone, and {format_mm(apart)} where it sits for "
+            "the other"
+        )
+        contradict(InputError(said, hint=f"if it was moved between them, {hint}"))
+        yield Finding("hand-eye", f"{said[0].upper()}{said[1:]}.", {"alone_mm": alone, "together_mm": apart})
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,6 +421,7 @@ class _Placed:
     turn_deg: float
     alone_mm: float
     contradiction: InputError | None
+    pairs: tuple[_Pair, ...]
 
     @classmethod
     def of(cls, arm: Arm, cell: CellImages) -> _Placed:
@@ -377,7 +439,7 @@ class _Placed:
         pairs = []
         for carried, standing, own in poses.pairs():
             rows = np.flatnonzero(own)
-            pairs.append(_Pair.of((carried, standing), rows, flange[rows], seen[rows], cell))
+            pairs.append(_Pair.of((carried, standing), rows, flange[rows], seen[rows], cell, arm))
         T_child_tip, tip = _tips(poses, pairs)
         poses = replace(poses, T_child_tip=T_child_tip).named().select(np.sort(np.concatenate([p.rows for p in pairs])))
         return cls(
@@ -387,6 +449,7 @@ class _Placed:
             float(np.sqrt(np.mean([pair.turn_deg**2 for pair in pairs]))),
             float(np.concatenate([pair.held_out_mm for pair in pairs]).mean()),
             next((pair.contradiction for pair in pairs if pair.contradiction), None),
+            tuple(pairs),
         )
 
 

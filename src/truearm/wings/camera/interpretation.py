@@ -77,7 +77,7 @@ OF_IMAGES = Remedies(
     inverted=False,
     mounts=("--eye-in-hand", "omit --eye-in-hand, or the camera's --on-flange"),
     size_of="its stated size",
-    sized="measure the squares of the board, and state their side in --board",
+    sized="measure the squares of the board, and state their side in --board; or it is another arm",
 )
 
 
