@@ -241,6 +241,7 @@ BAD = {
     "variables.nc": ("G1 A1 B2 C3 U4 V5\nG1 A#1 B[2+#5] C=3 U-#4 V5\n", r"line 2: .*got A#1, B\[2\+#5\], C=3, U-#4"),
     "variables_of_joints.nc": ("G1 J1=#1 J2=2 J3=3 J4=4 J5=5\n", "got J1=#1"),
     "cartesian.nc": ("G1 J1=1 J2=2 J3=3 J4=4 J5=5\nG1 X100 Y50 Z20\n", "line 2: .*got X100, Y50, Z20"),
+    "twice.nc": ("G1 A1 A2 B2 C3 U4 V5\n", "got A, A, B, C, U, V"),
     "tenth.nc": ("G1 J1=1 J2=2 J3=3 J4=4 J5=5 J10=6\n", "got J10=6"),
     "empty.nc": ("M30\n", "expected lines with joints"),
     "unit.csv": ("J1,J2,J3,J4,J5\n1,2,3,4,5\n", "do not say their unit"),
@@ -372,6 +373,18 @@ def test_a_correction_that_lerobot_cuts_off_is_said(model, tmp_path, unit, insid
     assert f"{count} of 3 targets are beyond the range of a motor after the correction, first line" in said
     read = ta.correct(model, tmp_path / "t.csv", direction="feedback", **options)
     assert "range of a motor" not in "\n".join(read.blocks())
+
+
+def test_a_data_set_with_old_motors_is_refused(model, tmp_path):
+    file = tmp_path / "data" / "chunk-000" / "episode_000000.parquet"
+    for folder in (file.parent, tmp_path / "meta"):
+        folder.mkdir(parents=True)
+    pq.write_table(pa.table({"action": pa.array([[1.0, 2, 3, 4, 5, 6]])}), file)
+    info = tmp_path / "meta" / "info.json"
+    info.write_text(json.dumps({"names": NAMES}))
+    assert len(ta.correct(model, file, angle_unit="deg", untrained="accept").targets) == 1
+    info.write_text(json.dumps({"names": [f"main_{name}" for name in NAMES]}))
+    refuses("before it changed the zeros", ta.correct, model, file, angle_unit="deg")
 
 
 def test_a_small_parquet_file_that_is_large_is_refused(model, tmp_path):

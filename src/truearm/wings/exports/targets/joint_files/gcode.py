@@ -57,11 +57,12 @@ def read_gcode(content: bytes, arm: Arm, direction: TargetDirection) -> JointFil
     for number, line in enumerate(code.splitlines(keepends=True), start=1):
         if other := _OTHER_MEANING.search(line):
             raise InputError(f"{other[0]} changes what joints mean: corrected are absolute joints only", line=number)
+        stated = [one[1].upper() for one in words.finditer(line)]
         found = {one[1].upper(): one for one in words.finditer(line)}
         other_axes = _AXIS.findall(words.sub(" ", line))
         if found or other_axes:
-            if sorted(found) != sorted(wanted) or other_axes:
-                said = ", ".join(other_axes[:9] or [f"J{name}" if numbered else name for name in found])
+            if sorted(stated) != sorted(wanted) or other_axes:
+                said = ", ".join(other_axes[:9] or [f"J{name}" if numbered else name for name in stated])
                 raise InputError(
                     f"expected all {arm.n_joints} joints of the arm as plain numbers, and no other axes, got {said}",
                     line=number,

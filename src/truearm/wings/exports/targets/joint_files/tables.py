@@ -12,6 +12,7 @@ import numpy as np
 
 from truearm.arm import Arm
 from truearm.errors import InputError, extra_module
+from truearm.files.file_reading import read_limited
 from truearm.readings.columns import ANGLE
 from truearm.typing import FloatArray
 from truearm.wings.exports.targets import TargetDirection
@@ -37,6 +38,8 @@ from truearm.wings.exports.targets.lerobot_motors import (
 
 # Of LeRobot's datasets: what the motors should do, and what they did.
 COMMANDED, READ = "action", "observation.state"
+# The name of a motor before LeRobot changed the zeros.
+_OLD = f"main_{MOTORS[0]}"
 TITLE = "table of joints"
 MAX_CELLS = 2**23
 # Without compression.
@@ -71,17 +74,21 @@ def motor_columns(names: Sequence[str], lists: str) -> list[str] | None:
         names of before LeRobot changed their zeros.
     """
     plain = plain_names(names, lists)
-    if {f"main_{motor}" for motor in MOTORS} & set(plain):
-        raise InputError(
-            f"main_{MOTORS[0]} .. are of LeRobot before it changed the zeros and the unit of the joints",
-            hint="convert them as LeRobot's examples/backward_compatibility/replay.py does",
-        )
+    if _OLD in plain:
+        raise _before_the_change()
     if set(MOTORS) <= set(plain):
         return [names[i] for i in columns_of(MOTORS, plain, names)]
     count = sum(bool(re.fullmatch(rf"{re.escape(lists)}\[\d+\]", name)) for name in names)
     if count:
         check_list_length(lists, count)
     return [f"{lists}[{i}]" for i in range(len(MOTORS))] if count else None
+
+
+def _before_the_change() -> InputError:
+    return InputError(
+        f"{_OLD} .. are of LeRobot before it changed the zeros and the unit of the joints",
+        hint="convert them as LeRobot's examples/backward_compatibility/replay.py does",
+    )
 
 
 def columns_of(joints: Sequence[str], plain: Sequence[str], names: Sequence[str]) -> list[int]:
@@ -265,6 +272,10 @@ def read_parquet(path: Path, arm: Arm, direction: TargetDirection, unit: str | N
             f"expected columns of joints, got {', '.join(table.column_names)[:200]}",
             hint=f"{READ} of LeRobot, or a column for each joint by its name",
         )
+    for info in (parent / "meta" / "info.json" for parent in path.absolute().parents[:3]):
+        # A data set names the numbers of its lists beside them.
+        if info.is_file() and f'"{_OLD}"'.encode() in read_limited(info, limit_bytes=MAX_BYTES):
+            raise _before_the_change()
     key = f"{_METADATA}{meaning.list_name or ''}".encode()
     done = metadata.get(key, b"").decode("latin-1")
     check_not_corrected(done, direction)
