@@ -176,6 +176,64 @@ class TestBytes:
         assert edited == {after.split(",")[1].encode()}
 
 
+class TestBorders:
+    """Joints at 0, 90 and 180 deg exactly: the new configuration is that of the corrected joints, and the reverse
+    finds it again."""
+
+    def check(self, arm, file, planned, of_text):
+        found = corrected(fitted(arm), file)
+        assert found.is_complete
+        stated = of_text(found.content)
+        for change, one in zip(found.changes, stated, strict=True):
+            assert one(np.degrees(change.joints)), change.target.name
+        back = corrected(fitted(arm), written(file.parent, found.content, "again" + file.suffix), direction="feedback")
+        assert back.is_complete
+        # The digits that a target has after the correction.
+        np.testing.assert_allclose([one.joints for one in back.changes], planned, atol=2e-5)
+
+    @staticmethod
+    def within(value, low, high):
+        return low - 1e-3 <= value <= high + 1e-3
+
+    def test_rapid(self, tmp_path):
+        at = (-180.0, -90.0, 0.0, 90.0, 180.0)
+        planned = np.radians([[first, 20.0, 10.0, q4, 60.0, q6] for first in (0.0, 90.0) for q4 in at for q6 in at])
+        for below in (0.0, 1e-12):  # each of the two quadrants at the border
+            text = rapid_module(ta.load_arm(IRB).chain, planned - below)
+
+            def of_text(content):
+                for cf in re.findall(rb"robtarget.*\],\[(-?\d+),(-?\d+),(-?\d+),\d\],\[9E9", content):
+                    yield lambda q, cf=cf: all(
+                        self.within(q[i], 90 * int(one), 90 * int(one) + 90)
+                        for i, one in zip((0, 3, 5), cf, strict=True)
+                    )
+
+            self.check(IRB, written(tmp_path, text), planned, of_text)
+
+    def test_krl(self, tmp_path):
+        planned = np.radians([[0.0, -80.0, 100.0, q4, 60.0, q6] for q4 in (0.0, 90.0, -180.0) for q6 in (0.0, -90.0)])
+        poses = in_work(ta.load_arm(KR).chain, planned)
+        for below in (0.0, 1e-12):
+            turns = [krl_turn(q) for q in np.degrees(planned) - below]
+            text = krl_text([f"LIN {{{krl_frame(T)},S 2,T {t}}}" for T, t in zip(poses, turns, strict=True)])
+
+            def of_text(content):
+                for turn in re.findall(rb"T (\d+)\}", content):
+                    signs = np.array([-1 if int(turn) >> i & 1 else 1 for i in range(6)])
+                    yield lambda joints, signs=signs: (joints * signs > -1e-3).all()
+
+            self.check(KR, written(tmp_path, text, "made.src"), planned, of_text)
+
+    def test_a_reversal_in_part_is_refused(self, tmp_path):
+        text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB, 3))
+        content = corrected(fitted(IRB), written(tmp_path, text)).content
+        # Somebody states another configuration: no posture has it.
+        first = re.search(rb"p0:=.*\],\[(-?\d+,-?\d+,-?\d+,\d)\],\[9E9", content)
+        changed = content[: first.start(1)] + b"3,3,3,0" + content[first.end(1) :]
+        with pytest.raises(InputError, match="1 targets would keep the correction, the first p0"):
+            corrected(fitted(IRB), written(tmp_path, changed), direction="feedback")
+
+
 class TestRefusals:
     def test_twice_is_refused(self, tmp_path):
         first = corrected(fitted(IRB), written(tmp_path, joints_module(joints_of(IRB))))

@@ -419,3 +419,24 @@ def test_poses_that_are_solved_by_hand_have_their_joints(tmp_path, kind):
     reasons = [one.reason for one in (*found.refused, *found.left)]
     assert not reasons
     np.testing.assert_allclose(np.degrees(found.changes[0].nominal), expected, rtol=0, atol=1e-6)
+
+
+def test_turns_of_fanuc_at_half_a_turn_are_those_of_the_corrected_joints(tmp_path):
+    arm, model = ta.load_arm("lrmate200id"), fitted("lrmate200id")
+    planned = np.radians([[0.0, 13.0, -20.0, q4, -50.0, q6] for q4 in (-180.0, 0.0, 180.0) for q6 in (-180.0, 180.0)])
+    poses = in_work(arm.chain, planned)
+    for below in (0.0, 1e-9):  # each of the two turns at the border
+        rows = zip(poses, np.degrees(planned) - below, strict=True)
+        blocks = [fanuc_block(i, T, q) for i, (T, q) in enumerate(rows, 1)]
+        text = fanuc_program(blocks, [f"L P[{i}] 100mm/sec FINE " for i in range(1, len(planned) + 1)])
+        content, found = corrected(tmp_path, model, text.encode(), "a.ls")
+        assert found.is_complete
+        turns = re.findall(r"[NF] U T, (-?\d), (-?\d), (-?\d)'", content.decode())
+        for change, turn in zip(found.changes, turns, strict=True):
+            off = np.abs(np.degrees(change.joints)[[0, 3, 5]] - 360 * np.array([*map(int, turn)]))
+            assert off.max() < 180.002  # deg: positions have three decimals
+        _, back = corrected(tmp_path, model, content, "b.ls", direction="feedback")
+        assert back.is_complete
+        # Turn 0 is that of -180 and of 180 deg.
+        away = np.array([one.joints - other.nominal for one, other in zip(back.changes, found.changes, strict=True)])
+        np.testing.assert_allclose(np.remainder(away + np.pi, 2 * np.pi), np.pi, atol=1e-4)

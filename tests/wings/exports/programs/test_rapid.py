@@ -351,3 +351,20 @@ def test_a_point_of_which_a_component_is_overwritten_is_left(declared, change, l
     literal = {one.name: one.reason for one in program.left if one.is_literal}
     assert literal == left
     assert len(program.targets) + len(left) == declared.count("600")
+
+
+@pytest.mark.parametrize(
+    ("value", "reason", "counts"),
+    [
+        (f"[[0,0,50],[0,0,1],[-1,0,-1,0],{NONE}]", "expected 3 + 4 + 4 + 6 numbers, got 3 + 3 + 4 + 6", True),
+        (f"[[0,0,50],[180,0,180],[-1,0,-1,0],{NONE}]", "got 3 + 3 + 4 + 6", True),
+        (f"[[100,O,0],[0,0,1,0],[-1,0,-1,0],{NONE}]", "O is no number of this module", True),
+        (f"[[100,nX,0],[0,0,1,0],[-1,0,-1,0],{NONE}]", "some of its numbers are not literal", False),
+        (f"[[100,Depth(1),0],[0,0,1,0],[-1,0,-1,0],{NONE}]", "some of its numbers are not literal", False),
+    ],
+)
+def test_a_target_in_which_something_is_wrong_counts_as_one(value, reason, counts):
+    program = read(module(f"VAR num nX:=5;\nCONST robtarget p1:={value};\n"))
+    (left,) = (one for one in program.left if one.name == "p1")
+    assert reason in left.reason
+    assert left.is_literal == counts

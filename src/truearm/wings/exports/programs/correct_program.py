@@ -42,7 +42,8 @@ from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.manifest import MARKER
 
 MAX_BYTES = 64 * 2**20
-_PLACES = {name: place for place, name in enumerate(QUANTITIES)}
+# The digits of a target leave the joints uncertain by so much [deg, mm].
+_ON_BORDER = 1e-3
 # A model that equals the nominal arm changes joints by rounding: such a target keeps its bytes [rad].
 _UNCHANGED = 1e-9
 _MARK = re.compile(rb"truearm (command|feedback) ([0-9a-f]{8})")
@@ -210,6 +211,7 @@ class _Correction:
         self._check_robot(nominal, reasons)
         corrected, shifts = solver.corrected(program.targets, nominal, reasons)
         changes, refused = self._changes(nominal, corrected, shifts, reasons)
+        self._check_reversed(refused)
         edits = [edit for change in changes for edit in change.edits]
         notes = list(self._bend(nominal, corrected))
         if edits and spacing_mm is not None:
@@ -233,6 +235,17 @@ class _Correction:
             notes=(*self._other_model(), *program.notes, *notes),
             content=solver.language.packed(with_edits(program.data, edits), file) if edits else file,
         )
+
+    def _check_reversed(self, refused: Sequence[LeftAlone]) -> None:
+        """Refuse a reversal after which some targets would still have the correction, without a mark that says so."""
+        lacking = [one for one in self.program.left if one.is_literal and "--" in one.reason]
+        remain = [] if self.is_first else sorted([*refused, *lacking])
+        if remain:
+            raise InputError(
+                f"{len(remain)} targets would keep the correction, the first {remain[0].name}: {remain[0].reason}",
+                line=remain[0].line,
+                hint="reverse it with the options that it was corrected with, or take the planned program",
+            )
 
     def _other_model(self) -> Iterator[str]:
         """A note where the correction to be taken away is that of another model."""
@@ -273,7 +286,7 @@ class _Correction:
         language = self.solver.language
         before, after = (self.solver.machine.axes(joints) for joints in (nominal, corrected))
         poses = self._poses(corrected)
-        stated = [self.solver.machine.quantities(joints).tolist() for joints in (nominal, corrected)]
+        stated = self.solver.machine.quantities(corrected).tolist()
         moved = (np.abs(corrected - nominal).max(axis=1) > _UNCHANGED).tolist()
         changes, refused = [], []
         for row, target in sorted(enumerate(self.program.targets), key=lambda one: (one[1].line, one[0])):
@@ -286,7 +299,7 @@ class _Correction:
                     numbers = with_check_digits(numbers, self.solver.direction)
                 edits = [Edit(*target.numbers[name][:2], text) for name, text in numbers.items()]
                 try:
-                    edits += self._configuration(target, stated[0][row], stated[1][row])
+                    edits += self._configuration(target, stated[row])
                 except InputError as error:
                     reason = error.problem
             if reason:
@@ -304,13 +317,18 @@ class _Correction:
         poses = inverse(works) @ self.solver.flange(joints) @ tools
         return [pose if known else None for pose, known in zip(poses, stated, strict=True)]
 
-    def _configuration(self, target: Target, old: Sequence[float], new: Sequence[float]) -> tuple[Edit, ...]:
-        """Edits of the configuration, if a joint has crossed a border of it."""
+    def _configuration(self, target: Target, new: Sequence[float]) -> tuple[Edit, ...]:
+        """Edits of the configuration, if a joint is across a border of it; at a border, both sides of it are right."""
+        stated = dict(zip(QUANTITIES, new, strict=True))
+        has_crossed = False
         for quantity, low, high in target.conditions:
-            at = _PLACES[quantity]
-            if low <= old[at] <= high and not low <= new[at] <= high:
-                return tuple(self.solver.language.configuration(target, dict(zip(QUANTITIES, new, strict=True))))
-        return ()
+            value = stated[quantity]
+            within = min(max(value, low), float(np.nextafter(high, low)))
+            if abs(within - value) <= _ON_BORDER:
+                stated[quantity] = within
+            else:
+                has_crossed = True
+        return tuple(self.solver.language.configuration(target, stated)) if has_crossed else ()
 
     def _marks(self) -> Iterator[Edit]:
         """The edit that says that the program is corrected, or that takes away that of the other direction."""

@@ -94,7 +94,8 @@ def _with_turns(
             found, least = np.where(better, joints, found), np.where(better, cost, least)
         counted, quantities = machine.axes(found), machine.quantities(found)
         off = np.maximum(np.maximum(low - quantities, quantities - high), 0.0).max(axis=2)
-    return found, off, np.abs(counted - near[:, None]).max(axis=2)
+    away = np.abs(counted - near[:, None])[..., ~machine.robot.is_prismatic]  # mm and rad do not compare
+    return found, off, away.max(axis=2)
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:

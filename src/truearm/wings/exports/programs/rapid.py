@@ -47,6 +47,7 @@ _TOKEN = re.compile(
     rb"|(?P<name>[A-Za-z_\x80-\xff][\w\x80-\xff]*)|(?P<literal>\[[\s\d.,eE+\-\[\]]*\])|(?P<sign>:=|[^\s])"
 )
 _IN_LITERAL = re.compile(rb"[\[\]]|[+-]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_SUM = re.compile(rb"[\d.]\s*[+-]")
 # Instructions with targets: their places among the arguments that have no backslash, and how the arm moves.
 _MOVES: dict[bytes, tuple[tuple[int, ...], MoveKind]] = {
     **dict.fromkeys(
@@ -407,7 +408,7 @@ class _Module(NamedTargets):
     def _found(self, kind: bytes, name: str, line: int, value: _Value, uses: _Uses) -> int | None:
         """Add a target if all its numbers are literal; returns its number."""
         if not isinstance(value, _List) or kind not in _SHAPES or not self._is_literal(value, _SHAPES[kind]):
-            self.left.append(LeftAlone(line, name, "some of its numbers are not literal"))
+            self.left.append(self._no_target(kind, name, line, value))
             return None
         flat = [one for item in value.items if isinstance(item, _List) for one in item.items]
         numbers = {part: one for part, one in zip(_PARTS[kind], flat, strict=False) if isinstance(one, Number)}
@@ -417,6 +418,27 @@ class _Module(NamedTargets):
             _Found(kind, name, self.line_of(value.start), numbers, uses, (value.start, value.end), external)
         )
         return len(self.found) - 1
+
+    def _no_target(self, kind: bytes, name: str, line: int, value: _Value) -> LeftAlone:
+        """What is listed instead of a target: one that is computed, or one in which something is wrong."""
+        if not isinstance(value, _List) or kind not in _SHAPES:
+            return LeftAlone(line, name, "some of its numbers are not literal")
+        parts = [item.items if isinstance(item, _List) else (item,) for item in value.items]
+        for text in (one for part in parts for one in part if isinstance(one, bytes)):
+            word = text.partition(b".")[0].strip().lower()
+            if not word.isalnum() or word in self.names or word in self.number_names:
+                return LeftAlone(line, name, "some of its numbers are not literal")
+            return LeftAlone(line, name, f"not literal: {_text(text)} is no number of this module", is_literal=True)
+        if _SUM.search(self.data[value.start : value.end]):
+            return LeftAlone(line, name, "some of its numbers are not literal")
+        expected, got = (" + ".join(map(str, one)) for one in (_SHAPES[kind], map(len, parts)))
+        reason = f"expected {expected} numbers, got {got}"
+        return LeftAlone(line, name, reason, is_literal=True)
+
+    @cached_property
+    def number_names(self) -> set[bytes]:
+        """Names of numbers, parameters included."""
+        return {name.word for kind, name in pairwise(self.tokens) if kind.word in (b"num", b"dnum")}
 
     def _value(self, at: int) -> tuple[_List | bytes, int]:
         """A value up to its semicolon, and the token after it."""
