@@ -393,6 +393,10 @@ def test_a_small_parquet_file_that_is_large_is_refused(model, tmp_path):
     pq.write_table(pa.table({"action": long}), tmp_path / "cells.parquet", compression="zstd")
     wide = {"action": pa.array([[1.0] * 6]), "z": pa.array(["x" * (2**28 + 1)])}
     pq.write_table(pa.table(wide), tmp_path / "bytes.parquet", compression="zstd", write_statistics=False)
+    often = pa.DictionaryArray.from_arrays(pa.array(np.zeros(300, dtype=np.int32)), pa.array(["x" * 10**6]))
+    repeated = {"action": pa.array([[1.0] * 6] * 300), "z": often}
+    pq.write_table(pa.table(repeated), tmp_path / "of_one.parquet", store_schema=False, dictionary_pagesize_limit=2**30)
+    refuses("at most .* bytes without", ta.correct, model, tmp_path / "of_one.parquet", angle_unit="deg")
     for name in ("cells", "bytes"):
         assert (tmp_path / f"{name}.parquet").stat().st_size < 100_000
         refuses(

@@ -259,8 +259,7 @@ def read_parquet(path: Path, arm: Arm, direction: TargetDirection, unit: str | N
     hint = "pip install 'truearm[parquet]', or save it as CSV"
     pa, pq = (extra_module(name, "Parquet needs the package pyarrow", hint) for name in ("pyarrow", "pyarrow.parquet"))
     try:
-        _check_size(pq.read_metadata(path))
-        table = pq.ParquetFile(path).read()
+        table = _read_table(pa, pq.ParquetFile(path))
     except InputError:
         raise
     except Exception as error:  # it can be damaged in many ways
@@ -309,16 +308,25 @@ def read_parquet(path: Path, arm: Arm, direction: TargetDirection, unit: str | N
     return JointFile(TITLE, before, meaning.scale, written, rows, (meaning.said,), meaning.sent)
 
 
-def _check_size(stated: Any) -> None:
-    """Refuse a file that is large without its compression; repeated numbers take no bytes."""
-    groups = [stated.row_group(i) for i in range(stated.num_row_groups)]
-    cells = sum(group.column(i).num_values for group in groups for i in range(group.num_columns))
-    for what, size, limit in (
-        ("cells", cells, MAX_CELLS),
-        ("bytes", sum(g.total_byte_size for g in groups), MAX_BYTES),
-    ):
-        if size > limit:
-            raise InputError(f"expected at most {limit} {what} without compression, got {size}", hint="split the file")
+def _read_table(pa: Any, file: Any) -> Any:
+    """The table of a file; refused if it is large without its compression, in which repeated cells take no bytes."""
+    groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
+    chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
+    _check_size("cells", sum(chunk.num_values for chunk in chunks), MAX_CELLS)
+    _check_size("bytes", sum(group.total_byte_size for group in groups), MAX_BYTES)
+    # A text that is stored once can stand in every row; it is no longer than what is stored.
+    longest = max((one.total_uncompressed_size for one in chunks if one.physical_type == "BYTE_ARRAY"), default=1)
+    size, batches = 0, []
+    for batch in file.iter_batches(batch_size=min(max(MAX_BYTES // max(longest, 1), 1), 2**16)):
+        size += batch.nbytes
+        _check_size("bytes", size, MAX_BYTES)
+        batches.append(batch)
+    return pa.Table.from_batches(batches, schema=file.schema_arrow)
+
+
+def _check_size(what: str, size: int, limit: int) -> None:
+    if size > limit:
+        raise InputError(f"expected at most {limit} {what} without compression, got {size}", hint="split the file")
 
 
 def _numbers(table: Any, column: int) -> FloatArray:
