@@ -311,6 +311,9 @@ def test_a_board_that_was_mounted_anew_between_two_cameras_is_two_boards():
     with pytest.raises(InputError, match=said) as error:
         fit_images("ur5", session, pixels, board=BOARDS["A"], model="kinematic")
     assert f"give the two boards two names ({NAMING})" in (error.value.hint or "")
+    found = fit_images("ur5", session, pixels, board=BOARDS["A"], model="kinematic", accept="to see")
+    assert str(found.findings[0]).startswith("Accepted (to see): the board sits differently for camera left")
+    assert "sits differently" in str(found.fitted.model.accepted_[0])
     two = replace(pixels, board=np.where(pixels.camera == "left", "A", "B"))
     assert fit_images("ur5", session, two, board={"A": BOARDS["A"], "B": BOARDS["A"]}, model="kinematic").n_used == 60
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.acceptance import accepts, contradict
+from truearm.acceptance import accept_also, acceptance_remarks, accepted, accepts, contradict
 from truearm.arm import Arm
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.findings import Finding, format_mm, in_order
+from truearm.findings import Finding, findings_of, format_mm, in_order
 from truearm.identification.estimation.common_errors import CommonErrors
 from truearm.identification.judgement.description_check import likelier_arm
 from truearm.identification.references.prepared_readings import PreparedReadings
@@ -153,7 +153,13 @@ def fit_images(
         )
     except InputError as error:
         raise placed.contradiction or error from None
-    placed = replace(placed, findings=(*placed.findings, *_apart(placed, result)))
+    _check_apart(placed, result)
+    if accept is not None:  # the fit says what it accepted itself; before and after it there was more
+        accept_also([said for one in result.model.accepted_ for said in one.contradictions])
+        result.model.accepted_ = accepted(result.model.accepted_)
+        said = findings_of("acceptance", acceptance_remarks(accept))
+        others_said = (one for one in result.findings if one.what != "acceptance")
+        result = replace(result, findings=in_order((*said, *others_said)))
     return _fitted(cell, placed, settled, result, known_lengths, others)
 
 
@@ -376,14 +382,8 @@ def _another_arm(arm: Arm, readings: Session) -> str | None:
     return None if other is None else f"put this right: {other} ({format_mm(other.error_mm)} remain)"
 
 
-def _apart(placed: _Placed, result: FitResult) -> Iterator[Finding]:
-    """What sits differently before one camera than before another, or with one board than with another.
-
-    Raises
-    ------
-    Contradiction
-        If something does.
-    """
+def _check_apart(placed: _Placed, result: FitResult) -> None:
+    """Refuse what sits differently before one camera than before another, or with one board than with another."""
     is_camera = set(placed.poses.images.cameras).__contains__
     for one, other in combinations(placed.pairs, 2):
         shared = {one.carried, one.standing} & {other.carried, other.standing}
@@ -404,7 +404,6 @@ def _apart(placed: _Placed, result: FitResult) -> Iterator[Finding]:
             "the other"
         )
         contradict(InputError(said, hint=f"if it was moved between them, {hint}"))
-        yield Finding("hand-eye", f"{said[0].upper()}{said[1:]}.", {"alone_mm": alone, "together_mm": apart})
 
 
 @dataclass(frozen=True, eq=False)
