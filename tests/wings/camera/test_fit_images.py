@@ -308,6 +308,16 @@ def test_a_camera_of_another_resolution_is_refused():
         fit_images("ur5", session, seen, board=cell.board, camera=cell.lens)
 
 
+def test_test_images_of_another_resolution_are_refused():
+    cell, session, pixels = measured()
+    others, new = cell.table(6, seed=50)
+    width, height = cell.lens.width, cell.lens.height
+    of_fit, of_test = replace(pixels, sizes_px={"camera": (width, height)}), {"camera": (2 * width, height)}
+    said = f"the images of the test are {2 * width} x {height} px, those of the fit {width} x {height} px"
+    with pytest.raises(InputError, match=said):
+        fit_images("ur5", session, of_fit, board=cell.board, test=(others, replace(new, sizes_px=of_test)))
+
+
 def test_a_board_whose_sides_were_measured_is_the_board_of_the_pixels():
     cell, session, pixels = measured()
     measured_board = parse_board(cell.board.name.replace("20.4mm", "20.41mm") + ",u=0.02%")

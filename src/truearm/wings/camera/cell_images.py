@@ -65,6 +65,8 @@ class CellImages:
         By their names in the tables.
     lenses : mapping of str to Lens or None
         Of the cameras by their names there, as stated.
+    sizes_px : mapping of str to (int, int)
+        Width and height of the images of a camera, where they are known.
     n_images : int
         That the tables have, also those that show too little.
     findings : tuple of Finding
@@ -79,6 +81,7 @@ class CellImages:
     in_hand: BoolArray
     boards: Mapping[str, Board]
     lenses: Mapping[str, Lens | None]
+    sizes_px: Mapping[str, tuple[int, int]]
     n_images: int
     findings: tuple[Finding, ...]
 
@@ -129,9 +132,17 @@ class CellImages:
             names = [*known, *(np.unique(getattr(seen, what)).tolist() if len(known) > 1 else known)]
             _check_names(seen, what, list(known), dict.fromkeys(names), "images of the cameras and boards of the fit")
         if len(self.lenses) == 1:
-            seen = replace(seen, camera=np.full(len(seen), next(iter(self.lenses))))
+            (name,), sizes = self.lenses, [*seen.sizes_px.values()]
+            of_camera = dict(zip(self.lenses, sizes, strict=False))
+            seen = replace(seen, camera=np.full(len(seen), name), sizes_px=of_camera)
         if len(self.boards) == 1:
             seen = replace(seen, board=np.full(len(seen), next(iter(self.boards))))
+        for name, size in seen.sizes_px.items():
+            if (known_px := self.sizes_px.get(name, size)) != size:
+                here, there = (f"{width} x {height} px" for width, height in (size, known_px))
+                problem = f"the images of the test are {here}, those of the fit {there}"
+                hint = "images of one camera at one resolution, uncropped"
+                raise InputError(problem, file=seen.file, column="width_px", hint=hint)
         lenses = dict(zip(self.lenses, self.images.lenses, strict=True))
         return _images(readings, seen, self.boards, lenses, 0.0, self.in_hand, 1)
 
@@ -273,7 +284,17 @@ def _images(
     of_rows = readings if len(index) == len(readings) else readings.rows(index)
     chosen = tuple(images_by_name[0][image[shows]].tolist())
     return CellImages(
-        of_rows, rows, images, reading[shows], chosen, in_hand, boards, lenses, taken.shape[1], tuple(findings)
+        of_rows,
+        rows,
+        images,
+        reading[shows],
+        chosen,
+        in_hand,
+        boards,
+        lenses,
+        seen.sizes_px,
+        taken.shape[1],
+        tuple(findings),
     )
 
 
