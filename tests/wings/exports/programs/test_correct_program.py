@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_up_listings import fitted, polyscope_script
 from made_up_listings import joints_of as joints_of_ur
-from made_up_programs import TOOL, WORK, in_work, krl_files, krl_frame, krl_turn, rapid_module
+from made_up_programs import TOOL, WORK, in_work, krl_files, krl_frame, krl_turn, quaternion, rapid_module
 
 import truearm as ta
 from truearm.errors import InputError
@@ -257,6 +257,22 @@ class TestRefusals:
         assert not found.is_complete
         old, new = (re.search(rb"p3:=.*", content)[0] for content in (text.encode(), found.content))
         assert old == new
+
+    @pytest.mark.parametrize(
+        ("frame", "is_same"),
+        [("tools.tGrip", False), ("tools.tgrip", True), ("works.wTable", False), ("works.wTable", True)],
+    )
+    def test_a_frame_that_the_module_has_otherwise_is_refused(self, tmp_path, frame, is_same):
+        T = TOOL if "tools" in frame else WORK
+        x, y, z = T[:3, 3] + (0.0 if is_same else 10.0)
+        q = ", ".join(f"{one:.9f}" for one in quaternion(T[:3, :3]))
+        stated = written(tmp_path, f"[{frame}]\nxyz_mm = [{x}, {y}, {z}]\nquaternion = [{q}]\n", "frames.toml")
+        file = written(tmp_path, rapid_module(ta.load_arm(IRB).chain, joints_of(IRB, 2)))
+        if is_same:
+            assert corrected(fitted(IRB), file, frames=stated).is_complete
+        else:
+            with pytest.raises(InputError, match=r"otherwise than the file of --frames"):
+                corrected(fitted(IRB), file, frames=stated)
 
     def test_outside_the_trained_range_a_target_is_refused_or_corrected(self, tmp_path):
         joints = joints_of(IRB, 8)

@@ -272,6 +272,18 @@ class TestScara:
             "its configuration is not stated: --start states joints nearby"
         }
 
+    def test_both_sides_of_the_elbow_in_one_program_are_left(self, tmp_path):
+        text = scara_program(scara_joints(3)).replace("'L, 0", "'R, 0", 1)
+        found = corrected(tmp_path, scara(), text, "a.ls", SCARA_FRAMES, start=[0.2, 0.8, 100.0, 0.3])
+        assert not found.changes
+        assert len([one for one in found.left if one.is_literal and "L and R" in one.reason]) == 3
+
+    def test_the_quill_of_the_start_does_not_choose_the_side_of_the_elbow(self, tmp_path):
+        planned = scara_joints()
+        start = [0.2, 0.8, 5000.0, 0.3]
+        found = corrected(tmp_path, scara(), scara_program(planned), "a.ls", SCARA_FRAMES, start=start)
+        np.testing.assert_allclose([one.nominal for one in found.changes], planned, atol=2e-3)
+
     def test_a_tilted_target_is_out_of_its_reach(self, tmp_path):
         text = re.sub(r"P = {4,}-?\.000", "P =     5.000", scara_program(scara_joints(3)))
         with pytest.raises(InputError, match="none of 'scara'.*out of reach"):

@@ -45,6 +45,7 @@ _HEAD = re.compile(r"\s*\S+\s*:\s*(\w+|\*+)\s*,\s*\S+\s*:\s*(\w+|\*+)\s*,?(?:\s*
 _VALUE = re.compile(r"\b([A-Z]+\d*)[ \t]*=([ \t]*(?:[+-]?(?:\d{1,9}\.?\d*|\.\d+)|\*+))[ \t]*(mm|deg)?")
 _CONFIG = re.compile(r"\s*([NF])\s+([UD])\s+([TB])\s*,\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*")
 _CONFIG_OF_SCARA = re.compile(r"\s*(?:[LR]\s*)?,\s*0\s*,\s*0\s*,\s*0\s*")
+_LETTER_OF_SCARA = re.compile(r":\s*'\s*([LR])\s*,")
 _SCARA = 4
 _STATEMENT = re.compile(r"^[ \t]*(\d+):(?:.*\n?(?![ \t]*\d+:))*", re.MULTILINE)
 _MOTION = re.compile(r"[ \t]*\d+:[ \t]*([JLCAS])[ \t]+(?:P|PR)\[")
@@ -160,12 +161,15 @@ class FanucListing(Language):
             if not _REMARK.match(found[0]):
                 uses.take(line_of(found.start()), found[0])
         tracked = re.search(r"LINE_TRACK_SCHEDULE_NUMBER\s*:\s*[1-9]", text)
+        letters = set(_LETTER_OF_SCARA.findall(text, parts["POS"].end(), parts["END"].start()))
         targets: dict[int, Target] = {}
         left = uses.left
         for number, point in _points(line_of, text, parts["POS"].end(), parts["END"].start()).items():
             line = line_of(point.start)
             reason = "of a program that tracks a conveyor" if tracked else uses.reason_against(number)
             made = _target(text, line, point, beside) if reason is None else reason
+            if len(letters) > 1 and isinstance(made, _Point) and made.pose is not None and not made.conditions:
+                made = "L and R stand in one program: which side of the elbow each is, is not certain"
             if isinstance(made, str):
                 left.append(LeftAlone(line, point.name, made, is_literal=reason is None and made != _UNTAUGHT))
             else:

@@ -20,6 +20,8 @@ from truearm.wings.exports.programs.orientations import rotation_of, rotation_of
 
 Three = tuple[Real, Real, Real]
 _QUATERNION_ROUNDED = 1e-3
+# Digits of a pendant: elements of a rotation, and lengths [mm].
+_SAME_FRAME = np.array([[1e-3, 1e-3, 1e-3, 0.02]])
 
 
 class Frame(Document):
@@ -103,6 +105,8 @@ class FramesFile(Document):
         The arm's base in the world frame; the same by default.
     rail : int
         External axis that is the rail under the robot, from 1, if the model has one.
+    not_carrying : tuple of int
+        External axes that do not carry the robot, from 1.
     positioners : dict of str to Positioner
         Units that carry work frames, by the names (RAPID) or numbers (KRL) that the program has.
     tool, work : str, optional
@@ -118,6 +122,7 @@ class FramesFile(Document):
     works: Frames = Field(default_factory=dict)
     base: Frame = Frame(xyz_mm=(0.0, 0.0, 0.0))
     rail: Annotated[int, Field(ge=1, le=6)] = 1
+    not_carrying: Annotated[tuple[Annotated[int, Field(ge=1, le=6)], ...], Field(max_length=6)] = ()
     positioners: Annotated[dict[Name, Positioner], Field(max_length=100)] = Field(default_factory=dict)
     tool: Name | None = None
     work: Name | None = None
@@ -139,6 +144,34 @@ class FramesFile(Document):
         found |= {("tool", name.casefold()): frame.T for name, frame in self.tools.items()}
         found |= {("work", name.casefold()): self.in_base(frame.T) for name, frame in self.works.items()}
         return found
+
+    def check_tool(self, name: str, T: FloatArray) -> None:
+        """Check that a tool which a program states is not stated otherwise here.
+
+        Raises
+        ------
+        InputError
+            If it is.
+        """
+        self._check("tool", name, T)
+
+    def check_work(self, name: str, T: FloatArray) -> None:
+        """Check that a work frame in the arm's base, which a program states, is not stated otherwise here.
+
+        Raises
+        ------
+        InputError
+            If it is.
+        """
+        self._check("work", name, T)
+
+    def _check(self, kind: str, name: str, T: FloatArray) -> None:
+        stated = self.frames.get((kind, name.casefold()))
+        if stated is not None and (np.abs(stated - T) > _SAME_FRAME).any():
+            raise InputError(
+                f"the program has the {kind} frame {name} otherwise than the file of --frames",
+                hint="correct one of the two",
+            )
 
     def carried(self, unit: str, external: Sequence[Number], T: FloatArray) -> FloatArray | str:
         """A frame that a unit carries, in the arm's base at a target; or what is to be stated."""

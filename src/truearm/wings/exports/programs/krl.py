@@ -639,7 +639,11 @@ class _File(NamedTargets):
             return None, f"{_text(which + b'_DATA[' + (number or b''))}] changes while the program runs"
         motion = np.eye(4) if number == _NULL else self.frames.get((which, number or b""))
         if motion is not None:
-            return (motion if which == b"TOOL" else frames.in_base(motion)), ""
+            motion = motion if which == b"TOOL" else frames.in_base(motion)
+            check = frames.check_tool if which == b"TOOL" else frames.check_work
+            if number and number.isdigit() and number != _NULL:
+                check(number.decode(), motion)
+            return motion, ""
         name = None if number is None else number.decode("latin-1")
         stated = find(name)
         numbered = name if name is None or not name.isdigit() else f"{which.decode()}_DATA[{name}]"

@@ -225,7 +225,7 @@ class Surroundings:
     @property
     def known_axes(self) -> set[int | None]:
         """External axes of which it is known what they carry."""
-        return {self.rail, *(one.axis for one in self.frames.positioners.values())}
+        return {self.rail, *self.frames.not_carrying, *(one.axis for one in self.frames.positioners.values())}
 
 
 class Language(ABC):

@@ -665,6 +665,7 @@ class _Module(NamedTargets):
                 return None, f"the tool {text} is stationary"
             motion = _frame(pose)
             if motion is not None:
+                frames.check_tool(text, motion)
                 return motion, ""
         stated = frames.tool_of(text if name else None)
         lacks = f"the tool {text} is not in this module" if name else "no move of this module uses it with a tool"
@@ -690,7 +691,9 @@ class _Module(NamedTargets):
                     self.units[name] = (name_of_unit, inner)
                     return None, lacks
                 if T is not None and inner is not None:
-                    return frames.in_base(T @ inner), ""
+                    in_base = frames.in_base(T @ inner)
+                    frames.check_work(text, in_base)
+                    return in_base, ""
             else:
                 return None, f"the work object {text} is held by the robot"
         lacks = f"the work object {text} is not in this module" if name else "no move of this module uses it"
