@@ -137,10 +137,14 @@ def test_a_tool_in_the_text_counts_from_its_line_on():
     np.testing.assert_allclose(second.T_flange_tool[:3, 3], [0, 0, 120])
 
 
-def test_an_external_axis_that_moves_is_noted():
-    moving = JOINTS.replace("E1 0", "E1 250")
-    assert not read(source(f"PTP {JOINTS}\nPTP {JOINTS}")).notes
-    assert "External axis 1 moves between targets" in read(source(f"PTP {JOINTS}\nPTP {moving}")).notes[0]
+def test_where_an_external_axis_moves_poses_are_left_until_it_is_stated():
+    moving = POSE.replace("E1 0.0", "E1 250")
+    assert len(read(source(BOTH + f"LIN {POSE}\nLIN {POSE}")).targets) == 2
+    program = read(source(BOTH + f"PTP {JOINTS}\nLIN {POSE}\nLIN {moving}"))
+    assert [one.pose is None for one in program.targets] == [True]
+    assert all("not_carrying = [1]" in reason for reason in reasons(program).values())
+    stated = "not_carrying = [1]\n" + FRAMES
+    assert len(read(source(BOTH + f"LIN {POSE}\nLIN {moving}"), stated).targets) == 2
 
 
 @pytest.mark.parametrize(

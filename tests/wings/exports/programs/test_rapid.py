@@ -220,11 +220,16 @@ def test_shifts_at_run_time_are_noted():
     assert "PDispOn in line 3 shifts targets" in program.notes[0]
 
 
-def test_an_external_axis_that_moves_is_noted():
-    rows = [JOINTS.replace(NONE, f"[{one},9E9,9E9,9E9,9E9,9E9]") for one in (0, 250)]
-    still, moving = (module(f"CONST jointtarget j{{2}}:=[{rows[0]},{rows[i]}];") for i in (0, 1))
-    assert not any("External" in note for note in read(still).notes)
-    assert "External axis 1 moves between targets" in read(moving).notes[-1]
+def test_where_an_external_axis_moves_poses_are_left_until_it_is_stated():
+    rows = [POSE.replace(NONE, f"[{one},9E9,9E9,9E9,9E9,9E9]") for one in (0, 250)]
+    still, moving = (
+        module("".join(f"CONST robtarget p{k}:={row};\n{USE.format(name=f'p{k}')}\n" for k, row in enumerate(some)))
+        for some in ([rows[0], rows[0]], rows)
+    )
+    assert len(read(still).targets) == 2
+    assert not read(moving).targets
+    assert all("not_carrying = [1]" in reason for reason in reasons(read(moving)).values())
+    assert len(read(moving, "not_carrying = [1]\n" + FRAMES).targets) == 2
 
 
 @pytest.mark.parametrize(

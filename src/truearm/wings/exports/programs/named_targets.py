@@ -9,6 +9,10 @@ from truearm.wings.exports.programs.numbers import NOT_THERE
 from truearm.wings.exports.programs.program import LeftAlone, Move, Program, Surroundings, Target
 
 _NAMED = 5
+_MAY_CARRY = (
+    "external axis {axis} moves between targets, and may carry the robot (a rail): state in --frames "
+    "not_carrying = [{axis}] if it does not"
+)
 
 
 class NamedTarget(NamedTuple):
@@ -52,15 +56,23 @@ class NamedTargets:
         targets: list[Target] = []
         numbers: dict[bytes | int | None, int] = {}
         unreached: list[str] = []
+        values = [
+            set() if number in self.beside.known_axes else {value for value in axis if abs(value) < NOT_THERE}
+            for number, axis in enumerate(zip(*external, strict=True), 1)
+        ]
+        moves_with = next((_MAY_CARRY.format(axis=i) for i, some in enumerate(values, 1) if len(some) > 1), None)
         for at, one in enumerate(found):
-            if isinstance(one.made, str):
-                self.left.append(LeftAlone(one.line, one.name, one.made, is_literal=True))
+            made = one.made
+            if isinstance(made, Target) and made.pose is not None and moves_with is not None:
+                made = moves_with
+            if isinstance(made, str):
+                self.left.append(LeftAlone(one.line, one.name, made, is_literal=True))
                 continue
             unreached += [] if one.is_reached else [one.name]
             numbers[at] = numbers[one.key or at] = len(targets)
-            targets.append(one.made)
+            targets.append(made)
         moves = tuple(self.settled(move, goal)._replace(target=numbers.get(goal)) for move, goal in self.moves)
-        self.notes += [*_unreached_note(unreached), *_external_axes_note(external, self.beside.known_axes)]
+        self.notes += [*_unreached_note(unreached), *_external_axes_note(values)]
         return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
 
 
@@ -72,19 +84,8 @@ def _unreached_note(names: Iterable[str]) -> Iterator[str]:
         yield f"No move of this file goes to {shown}: make sure that none is a limit, a tolerance or a difference."
 
 
-def _external_axes_note(rows: Iterable[Sequence[float]], known: Iterable[int | None]) -> Iterator[str]:
-    """Notes on external axes that move or stand away from zero, but those that are `known`.
-
-    `rows` have an axis' value, or 9E9, in every column.
-    """
-    there = [{value for value in axis if abs(value) < NOT_THERE} for axis in zip(*rows, strict=True)]
-    there = [set() if number in known else values for number, values in enumerate(there, 1)]
-    moving = [str(number) for number, values in enumerate(there, 1) if len(values) > 1]
-    if moving:
-        yield (
-            f"External axis {', '.join(moving)} moves between targets: if it carries the robot (a rail), the base "
-            "moves with it, and the corrections of Cartesian targets are wrong."
-        )
+def _external_axes_note(there: Iterable[set[float]]) -> Iterator[str]:
+    """A note on external axes that stand away from zero at all targets, by the values of each."""
     standing = [
         f"{number} at {min(values):g}" for number, values in enumerate(there, 1) if len(values) == 1 and any(values)
     ]
