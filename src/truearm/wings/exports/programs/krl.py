@@ -295,7 +295,7 @@ class _File(NamedTargets):
 
     @cached_property
     def n_mentions(self) -> Counter[bytes]:
-        """In how many lines of the file, besides moves, a name stands: that of its value, and others."""
+        """In how many lines of the file that are no moves a name stands: that of its value, and others."""
         lines = [line.code for line in self.lines if not _MOVED.fullmatch(line.code)]
         return Counter(name for code in lines for name in {one.upper() for one in _WORDS.findall(code)})
 

@@ -42,7 +42,7 @@ _CORRECTION = np.radians(5.0)
 
 
 class _Path(NamedTuple):
-    """A straight move in so many parts by further targets, and places along it, `fine` of each part."""
+    """A straight move that further targets divide into `n` parts, and places along it, `fine` of each part."""
 
     ends: PathEnds
     move: Move
