@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.acceptance import accept_also, acceptance_remarks, accepted, accepts, contradict
+from truearm.acceptance import accepted, accepts, contradict
 from truearm.arm import Arm
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.findings import Finding, findings_of, format_mm, in_order
+from truearm.findings import Finding, format_mm, in_order
 from truearm.identification.estimation.common_errors import CommonErrors
 from truearm.identification.judgement.description_check import likelier_arm
 from truearm.identification.references.prepared_readings import PreparedReadings
@@ -154,10 +154,9 @@ def fit_images(
     except InputError as error:
         raise placed.contradiction or error from None
     _check_apart(placed, result)
-    if accept is not None:  # the fit says what it accepted itself; before and after it there was more
-        accept_also([said for one in result.model.accepted_ for said in one.contradictions])
-        result.model.accepted_ = accepted(result.model.accepted_)
-        said = findings_of("acceptance", acceptance_remarks(accept))
+    if found := accepted(result.model.accepted_):  # the fit says what it accepted itself; before and after was more
+        result.model.accepted_ = found
+        said = (Finding("acceptance", str(one)) for one in found)
         others_said = (one for one in result.findings if one.what != "acceptance")
         result = replace(result, findings=in_order((*said, *others_said)))
     return _fitted(cell, placed, settled, result, known_lengths, others)
