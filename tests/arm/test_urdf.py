@@ -264,7 +264,7 @@ def test_the_links_may_stand_after_the_files_name(tmp_path):
     assert load_arm(path).joint_names == ("q", "r")
     refuses("no link 'x'", load_arm, f"{path}::x")
     for arm in ("ur5", "arm.toml"):
-        refuses("only a URDF has links to choose", load_arm, arm, tip="c")
+        refuses("only a URDF or MJCF has links to choose", load_arm, arm, tip="c")
 
 
 def test_a_file_may_state_its_links_itself(tmp_path):

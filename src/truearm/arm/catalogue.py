@@ -64,7 +64,7 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
         file. After a URDF or MJCF may stand the links between which the arm is, as in ``robot.urdf:base_link:tool0``;
         without one of them (``robot.urdf::tool0``) it is found: the arm's ``remarks`` say where others were possible.
     base, tip : str, optional
-        The links in place of those after the file's name; only of a URDF.
+        The links in place of those after the file's name; only of a URDF or MJCF.
 
     Raises
     ------
