@@ -70,7 +70,7 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
     ------
     InputError
         If there is no such arm or file, the file breaks a rule of its format, or links are given for an arm that is
-        URDF.
+        neither a URDF nor MJCF.
 
     Examples
     --------
