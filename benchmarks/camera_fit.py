@@ -14,9 +14,9 @@ from scipy.stats import chi2
 
 import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.choices import ModelName
 from truearm.typing import FloatArray
-from truearm.wings.camera.closed_form import inverse, motion
 from truearm.wings.camera.fit_images import ImageFit
 from truearm.wings.camera.images import Images, adjust, first_poses
 from truearm.wings.camera.mounts import mounts, small_motion

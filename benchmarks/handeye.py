@@ -12,9 +12,9 @@ from scipy.stats import chi2
 import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target
 from truearm.arm.chain import Chain
-from truearm.arm.rigid_motions import frame_from_xyz_rpy
+from truearm.arm.rigid_motions import frame_from_xyz_rpy, inverse, motion
 from truearm.typing import FloatArray
-from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
+from truearm.wings.camera.closed_form import closed_form, refined
 from truearm.wings.camera.hand_eye import HandEyeResult
 from truearm.wings.camera.mounts import Transform, mounts, small_motion
 from truearm.wings.planning.virtual import VirtualArm

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.rows import RowResult, Rows, Target, cpu_seconds_of
 from truearm.arm import Chain, load_arm
+from truearm.arm.rigid_motions import inverse
 from truearm.files.toml_documents import parse_toml
 from truearm.models import Compensator, PhysicalModel
 from truearm.typing import FloatArray
@@ -26,7 +27,7 @@ from truearm.wings.exports.programs.configurations import QUANTITIES, quantities
 from truearm.wings.exports.programs.correct_program import correct_program
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.languages import language_of
-from truearm.wings.exports.programs.program import Edit, Program, Surroundings, inverse, with_edits
+from truearm.wings.exports.programs.program import Edit, Program, Surroundings, with_edits
 from truearm.wings.exports.programs.solving import Solver
 from truearm.wings.exports.targets.pose_models import nominal_poses, with_tool
 from truearm.wings.planning.virtual import VirtualArm

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
-from truearm.arm.rigid_motions import (
+from truearm.arm.rigid_motions import (, inverse, motion
     apply_motions,
     cross_matrix,
     exponential_derivative,
@@ -198,3 +198,10 @@ def test_rotations_of_vectors_in_any_order_of_memory(lay_out):
     r = lay_out(np.random.default_rng(5).standard_normal((3, 7)))
     expected = Rotation.from_rotvec(r.T).as_matrix().transpose(1, 2, 0)
     np.testing.assert_allclose(rotations(r), expected, atol=2e-15, rtol=0)
+
+
+def test_a_rigid_motion_and_its_inverse_are_those_of_dense_algebra(rng):
+    R, t = Rotation.random(5, rng=1).as_matrix(), rng.normal(size=(5, 3))
+    for T in (motion(R, t), motion(R[0], t), motion(R, t[0]), motion(R[0], t[0].tolist())):
+        np.testing.assert_allclose(inverse(T), np.linalg.inv(T), atol=1e-14)
+    np.testing.assert_array_equal(motion(R[0], t)[3], motion(R[0], t[3]))

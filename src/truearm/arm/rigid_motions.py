@@ -15,6 +15,19 @@ from truearm.typing import FloatArray
 _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1).reshape(3, 9)
 
 
+def motion(R: FloatArray, t: npt.ArrayLike) -> FloatArray:
+    """(.., 4, 4) rigid motions of rotations (.., 3, 3), or of one, and translations (.., 3), or one [mm]."""
+    T = np.zeros((*(R.shape[:-2] or np.shape(t)[:-1]), 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, t, 1.0
+    return T
+
+
+def inverse(T: FloatArray) -> FloatArray:
+    """(.., 4, 4) inverses of rigid motions."""
+    back = np.swapaxes(T[..., :3, :3], -1, -2)
+    return motion(back, -(back @ T[..., :3, 3:])[..., 0])
+
+
 def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
     """Return the small motion that corresponds to a change of the components of a finite motion.
 

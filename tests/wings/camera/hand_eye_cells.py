@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.arm.chain import Chain
-from truearm.wings.camera.closed_form import inverse, motion
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.wings.camera.mounts import mounts
 
 

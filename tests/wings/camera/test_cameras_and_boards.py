@@ -10,12 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.identification.references.reading_references import poses_of
 from truearm.identification.references.session_frames import to_first_session_frame
 from truearm.wings.camera.boards import charuco
 from truearm.wings.camera.cell_images import NAMING
-from truearm.wings.camera.closed_form import motion
 from truearm.wings.camera.fit_images import ImageFit, fit_images
 from truearm.wings.camera.lenses import read_camera
 from truearm.wings.camera.observations import PixelObservations

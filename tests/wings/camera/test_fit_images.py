@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.identification.references.reading_references import poses_of
 from truearm.verbs.record import TextTable
 from truearm.wings.camera.boards import parse_board
 from truearm.wings.camera.cell_poses import CellPoses
-from truearm.wings.camera.closed_form import motion
 from truearm.wings.camera.fit_images import ImageFit, fit_images
 from truearm.wings.camera.images import Images, adjust, first_poses, linearise
 from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.acceptance import Contradiction
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import InputError
-from truearm.wings.camera.closed_form import inverse, motion
 from truearm.wings.camera.pose_files import read_samples
 from truearm.wings.camera.transform_files import write_transforms
 

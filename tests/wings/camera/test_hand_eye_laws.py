@@ -10,8 +10,9 @@ from scipy.stats import chi2
 
 import truearm as ta
 from truearm.arm.chain import Chain
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import InputError
-from truearm.wings.camera.closed_form import Parallel, closed_form, inverse, motion, refined
+from truearm.wings.camera.closed_form import Parallel, closed_form, refined
 from truearm.wings.camera.mounts import Transform, small_motion
 
 ANGLES = st.floats(-3.0, 3.0)

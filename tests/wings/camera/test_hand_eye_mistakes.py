@@ -6,8 +6,8 @@ from hand_eye_cells import make_cell
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import Contradiction, InputError
-from truearm.wings.camera.closed_form import inverse, motion
 from truearm.wings.camera.rotation_forms import described
 
 HALF = motion(Rotation.from_rotvec([0, 0, np.pi]).as_matrix(), np.zeros(3))

@@ -21,12 +21,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Arm
-from truearm.arm.rigid_motions import cross_matrix
+from truearm.arm.rigid_motions import cross_matrix, inverse, motion
 from truearm.identification.estimation.common_errors import settled_pose_errors
 from truearm.readings import Session
 from truearm.readings.pose_errors import PoseErrors
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
-from truearm.wings.camera.closed_form import inverse, motion
 from truearm.wings.camera.images import Adjustment, Images, adjust
 
 # Rounds in which the arm and the cameras are fitted in turn, before the fit of the arm proper.

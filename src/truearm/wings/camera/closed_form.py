@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import cross_matrix
+from truearm.arm.rigid_motions import cross_matrix, motion
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray, IntArray
 
@@ -31,19 +31,6 @@ OPEN_TURN = np.radians(3.0)
 LEAST_SIZED = 0.1
 ROUNDS = 30
 UNKNOWNS = 12
-
-
-def motion(R: FloatArray, t: FloatArray) -> FloatArray:
-    """(.., 4, 4) motions of rotations (.., 3, 3) and translations (.., 3) [mm]."""
-    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], t.shape[:-1]), 4, 4))
-    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, t, 1.0
-    return T
-
-
-def inverse(T: FloatArray) -> FloatArray:
-    """(.., 4, 4) inverse motions."""
-    back = np.swapaxes(T[..., :3, :3], -1, -2)
-    return motion(back, -(back @ T[..., :3, 3:])[..., 0])
 
 
 def _pairs(n: int) -> tuple[IntArray, IntArray]:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.acceptance import accepted, accepts, contradict
 from truearm.arm import Arm
-from truearm.arm.rigid_motions import cross_matrix
+from truearm.arm.rigid_motions import cross_matrix, inverse, motion
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -22,7 +22,8 @@ from truearm.identification.estimation.common_errors import CommonErrors
 from truearm.identification.judgement.description_check import likelier_arm
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reference_table import reference_table
-from truearm.models.identified_model import IdentifiedModel, require_identified
+from truearm.models import IdentifiedModel
+from truearm.models.identified_model import require_identified
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -32,7 +33,7 @@ from truearm.verbs.record import TextTable, format_fixed, number_of
 from truearm.wings.camera.camera_and_board import CameraAndBoard
 from truearm.wings.camera.cell_images import NAMING, BoardLike, CameraLike, CellImages, PixelsLike
 from truearm.wings.camera.cell_poses import CellPoses
-from truearm.wings.camera.closed_form import closed_form, inverse, motion, refined
+from truearm.wings.camera.closed_form import closed_form, refined
 from truearm.wings.camera.image_errors import ImageErrors
 from truearm.wings.camera.images import (
     GROSS_STDS,

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.acceptance import acceptance_remarks, accepts, contradict
 from truearm.arm import Arm
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.choices import ModelName
 from truearm.errors import InputError
 from truearm.findings import Finding, in_order
@@ -25,7 +26,7 @@ from truearm.verbs.fit import fit
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import format_fixed, number_of
 from truearm.wings.camera.camera_and_board import HandEyeByImages
-from truearm.wings.camera.closed_form import HandEyeAlone, inverse, motion, refined
+from truearm.wings.camera.closed_form import HandEyeAlone, refined
 from truearm.wings.camera.interpretation import Interpretation, interpret
 from truearm.wings.camera.mounts import Transform, of_alone, of_model
 from truearm.wings.camera.pose_files import Poses, Samples, Unit, read_samples

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure as Drawing
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Arm
-from truearm.models.identified_model import IdentifiedModel
+from truearm.arm.rigid_motions import inverse
+from truearm.models import IdentifiedModel
 from truearm.number_format import format_count, format_number
 from truearm.pages.drawings.arm_drawing import project
 from truearm.pages.drawings.arm_scene import arm_mechanism, joint_columns, joint_frames
@@ -24,7 +25,6 @@ from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.pages.scene import PointCloud, PointColumn, Scene
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.camera.camera_and_board import HandEyeByImages
-from truearm.wings.camera.closed_form import inverse
 from truearm.wings.camera.turn_test import AGREES
 
 # Boards or cameras that are outlined, and images of the picture of the turns: more hide each other.

@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import cross_matrix
+from truearm.arm.rigid_motions import cross_matrix, inverse, motion
 from truearm.errors import InputError
 from truearm.findings import Finding, format_mm
-from truearm.models.identified_model import IdentifiedModel
+from truearm.models import IdentifiedModel
 from truearm.typing import BoolArray, FloatArray
 from truearm.verbs.record import Record, TextTable, format_fixed, number_of
 from truearm.wings.camera.cell_images import CellImages
 from truearm.wings.camera.cell_poses import CellPoses
-from truearm.wings.camera.closed_form import inverse, motion
 from truearm.wings.camera.images import adjust, first_poses
 
 LEVEL = 0.95

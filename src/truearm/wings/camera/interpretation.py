@@ -13,11 +13,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.acceptance import contradict
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import InputError
 from truearm.readings.columns import FACTOR
 from truearm.typing import FloatArray, IntArray
 from truearm.verbs.record import number_of
-from truearm.wings.camera.closed_form import ClosedForm, Parallel, closed_form, inverse, motion
+from truearm.wings.camera.closed_form import ClosedForm, Parallel, closed_form
 from truearm.wings.camera.pose_files import Poses
 from truearm.wings.camera.rotation_forms import described
 from truearm.wings.camera.turn_test import FEW_WRONG, MOST_DEG, TurnTest, shifted, turns, wrong_rows

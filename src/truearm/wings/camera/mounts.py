@@ -14,10 +14,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
-from truearm.arm.rigid_motions import cross_matrix, xyz_rpy_from_frame
-from truearm.models.identified_model import IdentifiedModel
+from truearm.arm.rigid_motions import cross_matrix, inverse, motion, xyz_rpy_from_frame
+from truearm.models import IdentifiedModel
 from truearm.typing import FloatArray
-from truearm.wings.camera.closed_form import HandEyeAlone, inverse, motion
+from truearm.wings.camera.closed_form import HandEyeAlone
 
 # Standard uncertainties of a difference quotient.
 STEP = 1e-3

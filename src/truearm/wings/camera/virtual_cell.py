@@ -12,11 +12,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Arm, load_arm
+from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray
 from truearm.wings.camera.boards import Board, charuco
-from truearm.wings.camera.closed_form import motion
 from truearm.wings.camera.lenses import Lens
 from truearm.wings.camera.observations import PixelObservations
 from truearm.wings.planning.virtual.arm import VirtualArm

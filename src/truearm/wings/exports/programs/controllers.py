@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.arm import Chain, read_ur_kinematics
-from truearm.arm.rigid_motions import screw_x, screw_z
+from truearm.arm.rigid_motions import inverse, screw_x, screw_z
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
@@ -21,7 +21,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.models import Compensator
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.number_texts import six_numbers
-from truearm.wings.exports.programs.program import Surroundings, inverse
+from truearm.wings.exports.programs.program import Surroundings
 from truearm.wings.exports.programs.xml_places import Node, parse_nodes
 from truearm.wings.exports.targets.pose_models import reference_from_base
 

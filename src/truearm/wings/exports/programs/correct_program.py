@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from truearm.acceptance import accepted_in_fit
 from truearm.arm.catalogue import maker_of
+from truearm.arm.rigid_motions import inverse
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -35,7 +36,7 @@ from truearm.wings.exports.programs.languages import LANGUAGES, UNREADABLE, lang
 from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.nominal_joints import ROBOT
 from truearm.wings.exports.programs.number_texts import direction_of_check_digits, new_numbers, with_check_digits
-from truearm.wings.exports.programs.program import Edit, LeftAlone, Program, Surroundings, Target, inverse, with_edits
+from truearm.wings.exports.programs.program import Edit, LeftAlone, Program, Surroundings, Target, with_edits
 from truearm.wings.exports.programs.solving import Solver, ends_of
 from truearm.wings.exports.programs.subdivision import check_subdivision, divide
 from truearm.wings.exports.targets import TargetDirection, Untrained

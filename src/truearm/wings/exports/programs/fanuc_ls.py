@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from truearm.arm import Chain
+from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.orientations import angles_of, rotation_of
@@ -34,7 +35,6 @@ from truearm.wings.exports.programs.program import (
     Surroundings,
     Target,
     line_end_of,
-    transform,
 )
 from truearm.wings.exports.targets.program_literals import fanuc_joints
 
@@ -302,7 +302,7 @@ def _target(text: str, line: int, block: _Block, beside: Surroundings) -> Target
     if tool is None or work is None:
         return f"state [{f'tools.{head[2]}' if tool is None else f'works.{head[1]}'}] in --frames"
     x, y, z, *wpr = (numbers[name].value for name in _POSE)
-    pose = transform(rotation_of(wpr), (x, y, z))
+    pose = motion(rotation_of(wpr), (x, y, z))
     if config is None:  # of a SCARA: in which sense L and R are the sides of its elbow is not certain
         return _Point(block.name, line, numbers, pose=pose, T_flange_tool=tool, T_base_work=work)
     conditions = [

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
@@ -42,7 +43,6 @@ from truearm.wings.exports.programs.program import (
     Target,
     line_end_of,
     text_start,
-    transform,
 )
 
 MAX_BYTES = 16 * 2**20
@@ -763,7 +763,7 @@ def _aggregate(text: bytes, start: int) -> _Value | None:
 
 def _frame(numbers: Mapping[str, Number]) -> FloatArray:
     x, y, z, a, b, c = (numbers[name].value for name in _POSE)
-    return transform(rotation_of((c, b, a)), [x, y, z])
+    return motion(rotation_of((c, b, a)), [x, y, z])
 
 
 def _only(numbers: Mapping[str, Number], names: Iterable[str]) -> dict[str, Number]:

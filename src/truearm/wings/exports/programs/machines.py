@@ -12,11 +12,12 @@ from functools import cached_property
 import numpy as np
 
 from truearm.arm import Arm, Chain
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 from truearm.wings.exports.programs.branches import ParallelAxes, Screws, inverse_branches, polished
 from truearm.wings.exports.programs.configurations import QUANTITIES, quantities_of
-from truearm.wings.exports.programs.program import Language, inverse, transform
+from truearm.wings.exports.programs.program import Language
 
 _SIX, _FOUR = 6, 4
 
@@ -93,7 +94,7 @@ class Machine:
     def branches(self, flange: FloatArray, rail: FloatArray) -> FloatArray:
         """Joints (n, n_branches, n_joints) that bring the flange to poses (n, 4, 4); NaN where one does not exist."""
         if self.has_rail:
-            slides = transform(np.broadcast_to(np.eye(3), (len(rail), 3, 3)), np.outer(rail, [0.0, 0.0, 1.0]))
+            slides = motion(np.broadcast_to(np.eye(3), (len(rail), 3, 3)), np.outer(rail, [0.0, 0.0, 1.0]))
             flange = inverse(self.arm.chain.fixed[0] @ slides) @ flange
         if isinstance(self.axes_of, ParallelAxes):
             return self.axes_of.branches(flange)

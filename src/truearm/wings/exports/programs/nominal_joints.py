@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from truearm.arm.rigid_motions import inverse
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray
 from truearm.wings.exports.programs.configurations import QUANTITIES
 from truearm.wings.exports.programs.machines import Machine
-from truearm.wings.exports.programs.program import Target, inverse
+from truearm.wings.exports.programs.program import Target
 
 # A target is printed with two or three decimals: its joints may be this far across a border [deg, mm].
 _ACROSS = 0.05

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.arm import Chain
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.controllers import (
     GZIP,
@@ -38,8 +39,6 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
-    inverse,
-    transform,
 )
 from truearm.wings.exports.programs.urscript import JOINTS, POSE, pose_matrix, pose_numbers
 from truearm.wings.exports.programs.xml_places import Node, parse_nodes
@@ -198,7 +197,7 @@ class PolyScope(Language):
         assert target.T_flange_tool is not None  # both of PolyScope 3
         assert target.T_feature_base is not None
         flange = target.controller.pose(joints[None])
-        T_flange = transform(flange.R_base_tip[0], flange.tip_in_base[0].tolist())
+        T_flange = motion(flange.R_base_tip[0], flange.tip_in_base[0].tolist())
         T_pose = T_flange @ target.T_flange_tool
         for key, T in {"pose": T_pose, "flange": T_flange, "feature": target.T_feature_base @ T_pose}.items():
             names = [f"{key}.{name}" for name in POSE]

@@ -14,9 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from truearm.arm import Chain
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -369,16 +366,3 @@ def line_end_of(data: bytes) -> bytes:
     """The line end that a program uses first."""
     found = re.search(rb"\r\n|\n|\r", data)
     return b"\n" if found is None else found[0]
-
-
-def transform(R: FloatArray, position_mm: npt.ArrayLike) -> FloatArray:
-    """(.., 4, 4) rigid motions of rotations and translations [mm]."""
-    T = np.zeros((*R.shape[:-2], 4, 4))
-    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, position_mm, 1.0
-    return T
-
-
-def inverse(T: FloatArray) -> FloatArray:
-    """(.., 4, 4) inverses of rigid motions."""
-    R = np.swapaxes(T[..., :3, :3], -1, -2)
-    return transform(R, -(R @ T[..., :3, 3:])[..., 0])

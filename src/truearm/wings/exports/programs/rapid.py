@@ -18,6 +18,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.named_targets import NamedTarget, NamedTargets
@@ -39,7 +40,6 @@ from truearm.wings.exports.programs.program import (
     Target,
     line_end_of,
     text_start,
-    transform,
 )
 
 _TOKEN = re.compile(
@@ -627,7 +627,7 @@ class _Module(NamedTargets):
         conditions = _conditions(values)
         if conditions is None:
             return "its configuration is none of a six-axis arm"
-        pose = transform(rotation_of_quaternion(q), [values[axis] for axis in "xyz"])
+        pose = motion(rotation_of_quaternion(q), [values[axis] for axis in "xyz"])
         return Target(
             name,
             line,
@@ -767,7 +767,7 @@ def _frame(value: _Value) -> FloatArray | None:
     )
     if abs(hypot(*q) - 1) > _UNIT or max(map(abs, xyz)) > NOT_THERE:
         return None
-    return transform(rotation_of_quaternion(q), xyz)
+    return motion(rotation_of_quaternion(q), xyz)
 
 
 def _are_same(value: _Value | None, other: _Value | None) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
+from truearm.arm.rigid_motions import motion
 from truearm.models import Compensator
 from truearm.readings import Session
 from truearm.typing import FloatArray
@@ -21,7 +22,7 @@ from truearm.wings.exports.programs.configurations import QUANTITIES
 from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.nominal_joints import nominal_joints
 from truearm.wings.exports.programs.orientations import angles_of
-from truearm.wings.exports.programs.program import NOT_THERE, Condition, Language, Move, MoveKind, Target, transform
+from truearm.wings.exports.programs.program import NOT_THERE, Condition, Language, Move, MoveKind, Target
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.correction import correct_targets
 from truearm.wings.exports.targets.pose_models import with_tool
@@ -287,4 +288,4 @@ def _between(T: FloatArray, T_end: FloatArray, share: float) -> FloatArray:
     """A pose between two on a straight move."""
     turn = Rotation.from_matrix(T_end[:3, :3] @ T[:3, :3].T).as_rotvec()
     R = Rotation.from_rotvec(share * turn).as_matrix() @ T[:3, :3]
-    return transform(R, T[:3, 3] + share * (T_end[:3, 3] - T[:3, 3]))
+    return motion(R, T[:3, 3] + share * (T_end[:3, 3] - T[:3, 3]))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from truearm.arm.rigid_motions import inverse
 from truearm.errors import InputError
 from truearm.findings import format_mm
 from truearm.typing import FloatArray
@@ -26,7 +27,6 @@ from truearm.wings.exports.programs.program import (
     Passing,
     Program,
     Target,
-    inverse,
     with_edits,
 )
 from truearm.wings.exports.programs.solving import PathEnds, Solver, ends_of

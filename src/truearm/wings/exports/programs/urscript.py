@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from truearm.arm.rigid_motions import inverse, motion
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -36,10 +37,8 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
-    inverse,
     line_end_of,
     text_start,
-    transform,
 )
 
 _LIST = re.compile(rf"(p?)\[\s*({NUMBER}(?:\s*,\s*{NUMBER}){{5}})\s*\]")
@@ -389,7 +388,7 @@ def pose_matrix(numbers: Sequence[float]) -> FloatArray:
     angle = hypot(*numbers[3:])
     share = sin(angle / 2) / angle if angle else 0.5
     R = rotation_of_quaternion([cos(angle / 2), *(share * one for one in numbers[3:])])
-    return transform(R, [MM_PER_M * one for one in numbers[:3]])
+    return motion(R, [MM_PER_M * one for one in numbers[:3]])
 
 
 def pose_numbers(T: FloatArray, old: Sequence[float]) -> list[float]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.orientations import angles_of, rotation_of
@@ -30,7 +31,6 @@ from truearm.wings.exports.programs.program import (
     Surroundings,
     Target,
     line_end_of,
-    transform,
 )
 
 _LINE = re.compile(r"[^\r\n]+")
@@ -147,7 +147,7 @@ class _Reader:
             name,
             line,
             named,
-            pose=transform(R, values[:3].tolist()),
+            pose=motion(R, values[:3].tolist()),
             T_flange_tool=tool,
             T_base_work=work,
             conditions=conditions,
