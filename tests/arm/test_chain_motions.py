@@ -8,10 +8,12 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
-from truearm.arm.rigid_motions import (, inverse, motion
+from truearm.arm.rigid_motions import (
     apply_motions,
     cross_matrix,
     exponential_derivative,
+    inverse,
+    motion,
     rotations,
     rotations_and_jacobians,
 )
