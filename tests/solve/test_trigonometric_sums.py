@@ -32,6 +32,7 @@ def test_transforms_equal_products_of_matrices_and_are_adjoint(one, other, m, se
     sums, values = weighted_products(weights, first, second), bilinear_form(matrix, first, second)
     plain = (weights * phi) @ psi.T
     np.testing.assert_allclose(sums, plain, rtol=0, atol=TOLERANCE * np.linalg.norm(weights) * np.sqrt(m))
+    assert second is not None or (sums == sums.T).all()  # to the last bit, on which the normal equations rely
     of_matrix = (phi * (matrix @ psi)).sum(axis=0)
     np.testing.assert_allclose(values, of_matrix, rtol=0, atol=TOLERANCE * np.abs(matrix).sum())
     assert np.vdot(matrix, sums) == pytest.approx(

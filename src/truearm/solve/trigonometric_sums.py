@@ -31,8 +31,9 @@ TOLERANCE = 1e-15
 # A grid is twice as fine as the multiples ask for, and a value is spread to so many of its points a dimension.
 FINENESS, WIDTH = 2, 16
 # Operations of a product of matrices in the time of one of a transform, whose memory is not used in order (Xeon, one
-# thread: 65 and 8 GFLOP/s).
-SLOWNESS = 8
+# thread: 45 and 6.5 GFLOP/s), and in the time of the plan of a transform (0.5 ms).
+SLOWNESS = 7
+PLAN = 2e7
 
 
 class Multiples(NamedTuple):
@@ -69,7 +70,7 @@ def is_cheaper(m: int, one: IntArray, other: IntArray | None = None) -> bool:
         products, grid, spread = products // 2, FINENESS * 4 * int(one.max()), WIDTH
     else:
         grid, spread = FINENESS**2 * int(np.ptp(one) + 1) * (2 * int(second.max()) + 1), WIDTH**2
-    return products > SLOWNESS * (5 * grid * math.log2(grid) + 4 * spread * m)
+    return products > PLAN + SLOWNESS * (5 * grid * math.log2(grid) + 4 * spread * m)
 
 
 def weighted_products(weights: FloatArray, one: Multiples, other: Multiples | None = None) -> FloatArray:
@@ -88,6 +89,7 @@ def weighted_products(weights: FloatArray, one: Multiples, other: Multiples | No
         sums = finufft.nufft1d1(
             _wrapped(one.angles), weights.astype(complex), 2 * n + 1, eps=TOLERANCE, isign=1, nthreads=1
         )
+        sums = 0.5 * (sums + sums[::-1].conj())  # of real weights they differ by rounding: the result is symmetric
         k, orders = one.orders[:, None], one.orders
         plus, minus = sums[n + k + orders], sums[n + k - orders]
     else:

@@ -325,7 +325,9 @@ def test_transforms_and_products_have_the_same_sums(transformed, monkeypatch):
     monkeypatch.setattr(problem_module, "CHUNK", 7)  # groups of chunks are merged before they are transformed
     monkeypatch.setattr(problem_module, "is_cheaper", lambda *_: True)
     monkeypatch.setattr(problem_module, "TRANSFORMED", transformed)
-    assert_same_equations(summed(*everything(8, n=60, highest=20)), expected)
+    found = summed(*everything(8, n=60, highest=20))
+    assert_same_equations(found, expected)
+    assert (found[2] == found[2].T).all()
 
 
 @pytest.mark.parametrize(("groups", "threads"), [(1, 1), (3, 1), (3, 4)])

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations, combinations_with_replacement, pairwise
+from itertools import combinations_with_replacement, pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -29,7 +29,6 @@ from truearm.identification.estimation.perturbed_chain import (
     CHUNK,
     MOST_NARROW,
     PerturbedChain,
-    Site,
     chunks,
     moved_chain,
 )
@@ -154,12 +153,11 @@ class SmallMotionProblem:
 
     def equations_of(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> Arrowhead:
         """Normal equations of some of a reference's readings, without unknowns; `linear` as in `site_derivatives`."""
-        sums = GaussNewtonSums(self.perturbed_chain.sites, self.perturbed_chain.n_coefficients, 0, len(rows))
+        sums = GaussNewtonSums(self.perturbed_chain, 0, len(rows))
         for piece in chunks(len(rows), CHUNK):
             along_sites, values = self.site_derivatives(which, rows[piece], linear, x)
             angles = self.state.rows(self.references[which].rows[rows[piece]]).joint_angles
-            values_of = self.perturbed_chain.by_site(values)
-            sums.add(linear.residuals[:, rows[piece]], along_sites, values_of, angles)
+            sums.add(linear.residuals[:, rows[piece]], along_sites, values, angles)
         return sums.equations()
 
     def log_size_ratio(self, x: FloatArray) -> float:
@@ -258,12 +256,8 @@ class SmallMotionProblem:
         groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
 
         def sums_of(group: list[slice]) -> GaussNewtonSums:
-            sums = GaussNewtonSums(
-                self.perturbed_chain.sites,
-                self.perturbed_chain.n_coefficients,
-                len(self.references[which].unknowns),
-                len(self.references[which].rows),
-            )
+            reference = self.references[which]
+            sums = GaussNewtonSums(self.perturbed_chain, len(reference.unknowns), len(reference.rows))
             for piece in group:
                 self._add(sums, which, piece, x, weights[:, piece])
             return sums
@@ -283,7 +277,7 @@ class SmallMotionProblem:
         plain, motion_jacobian = self._linearised(which, piece, state, motions, x)
         linear = plain.weighted(weights)
         along_sites = self._along_sites(linear, motions, motion_jacobian)
-        sums.add(linear.residuals, along_sites, self.perturbed_chain.by_site(values), state.joint_angles, linear)
+        sums.add(linear.residuals, along_sites, values, state.joint_angles, linear)
 
     def _along_sites(self, linear: LinearisedResiduals, motions: FloatArray, motion_jacobian: FloatArray) -> FloatArray:
         """(n_sites, k, m) derivatives of residuals along the sites, from those of the tips (n_places, 6, 3, m)."""
@@ -344,17 +338,18 @@ class GaussNewtonSums:
     `n_readings` will be added: pairs of sites of harmonics are transformed where that costs less.
     """
 
-    def __init__(self, sites: list[Site], n_coefficients: int, n_unknowns: int, n_readings: int) -> None:
-        self.narrow = [i for i, site in enumerate(sites) if len(site.columns) <= MOST_NARROW]
-        self.wide = [i for i, site in enumerate(sites) if len(site.columns) > MOST_NARROW]
-        self.site_of_narrow = np.repeat(np.arange(len(self.narrow)), [len(sites[i].columns) for i in self.narrow])
-        nothing = np.zeros(0, dtype=np.intp)
-        self.order = np.concatenate([nothing, *(sites[i].columns for i in (*self.narrow, *self.wide))])
-        self.n_narrow = n_coefficients - sum(len(sites[i].columns) for i in self.wide)
-        stops = np.cumsum([self.n_narrow, *(len(sites[i].columns) for i in self.wide)])
-        self.spans = [slice(int(a), int(b)) for a, b in pairwise(stops)]
+    def __init__(self, chain: PerturbedChain, n_unknowns: int, n_readings: int) -> None:
+        sites, n_coefficients = chain.sites, chain.n_coefficients
+        self.wide = [(i, site) for i, site in enumerate(sites) if len(site.columns) > MOST_NARROW]
+        site_of, row_of = chain.of_coefficient
+        narrow = np.flatnonzero(~np.isin(site_of, [i for i, _ in self.wide]))
+        self.n_narrow, self.site_of_narrow, self.row_of_narrow = len(narrow), site_of[narrow], row_of[narrow]
+        # The order of the sums: within a span both triangles of the matrix are summed, beside it the upper one.
+        self.order = np.concatenate([narrow, *(site.columns for _, site in self.wide)])
+        self.stops = np.cumsum([self.n_narrow, *(len(site.columns) for _, site in self.wide)])
+        self.spans = [slice(int(a), int(b)) for a, b in pairwise(self.stops)]
         n_together = min(n_readings, TRANSFORMED)
-        series = [(n, sites[i].series) for n, i in enumerate(self.wide)]
+        series = [(n, site.series) for n, (_, site) in enumerate(self.wide)]
         self.transformed = [
             (n, o, one, other)
             for (n, one), (o, other) in combinations_with_replacement(series, 2)
@@ -373,67 +368,62 @@ class GaussNewtonSums:
         self,
         residuals: FloatArray,
         by_site: FloatArray,
-        values: list[FloatArray],
+        values: FloatArray,
         angles: FloatArray,
         linear: LinearisedResiduals | None = None,
     ) -> None:
         """Add a weighted chunk of residuals (k, m) at joint angles (m, n_joints).
 
-        `by_site` (n_sites, k, m) are derivatives along the sites, `values` of each site; `linear` those by unknowns.
+        `by_site` (n_sites, k, m) are derivatives along the sites, `values` (n_functions, m) of the chain's functions;
+        `linear` those by unknowns.
         """
-        k, m = residuals.shape
-        columns = np.empty((self.n_narrow, k, m))
-        start = 0
-        for i in self.narrow:
-            stop = start + len(values[i])
-            np.multiply(by_site[i], values[i][:, None, :], out=columns[start:stop])
-            start = stop
-        flat = columns.reshape(self.n_narrow, k * m)
+        narrow, columns = values[self.row_of_narrow], by_site[self.site_of_narrow]
+        columns *= narrow[:, None, :]
+        flat = columns.reshape(self.n_narrow, residuals.size)
         self.cost += 0.5 * float(np.vdot(residuals, residuals))
         self.gradient[: self.n_narrow] += flat @ residuals.ravel()
         self.gram[: self.n_narrow, : self.n_narrow] += flat @ flat.T
         pairs = [(n, o) for n, o, *_ in self.transformed]
-        narrow, sites = np.concatenate([np.zeros((0, m)), *(values[i] for i in self.narrow)]), by_site[self.narrow]
-        contracted = np.empty((self.n_narrow + 1, m))  # the residuals are one more column
-        for n, (i, span) in enumerate(zip(self.wide, self.spans, strict=True)):
+        of_wide = [values[site.rows] for _, site in self.wide]
+        contracted = np.empty((self.n_narrow + 1, residuals.shape[1]))  # the residuals are one more column
+        for n, ((i, _), own, span) in enumerate(zip(self.wide, of_wide, self.spans, strict=True)):
             # An einsum without sums over the last axis takes a third of the time of product and sum.
-            np.multiply(np.einsum("skm,km->sm", sites, by_site[i])[self.site_of_narrow], narrow, out=contracted[:-1])
+            products = np.einsum("skm,km->sm", by_site, by_site[i])
+            np.multiply(products[self.site_of_narrow], narrow, out=contracted[:-1])
             np.einsum("km,km->m", residuals, by_site[i], out=contracted[-1])
-            product = contracted @ values[i].T
+            product = contracted @ own.T
             self.gram[: self.n_narrow, span] += product[:-1]
             self.gradient[span] += product[-1]
             if (n, n) not in pairs:
-                half = np.sqrt((by_site[i] ** 2).sum(axis=0)) * values[i]
+                half = np.sqrt(products[i]) * own
                 self.gram[span, span] += half @ half.T
-            for o, (j, other) in enumerate(zip(self.wide[n + 1 :], self.spans[n + 1 :], strict=True), n + 1):
+            for o in range(n + 1, len(of_wide)):
                 if (n, o) not in pairs:
-                    product = (by_site[i] * by_site[j]).sum(axis=0)
-                    self.gram[span, other] += (product * values[i]) @ values[j].T
+                    self.gram[span, self.spans[o]] += (products[self.wide[o][0]] * own) @ of_wide[o].T
         if self.transformed:
-            self.products.append(
-                np.array([(by_site[self.wide[n]] * by_site[self.wide[o]]).sum(axis=0) for n, o in pairs])
-            )
+            along = [by_site[i] for i, _ in self.wide]
+            self.products.append(np.array([(along[n] * along[o]).sum(axis=0) for n, o in pairs]))
             self.angles.append(angles)
             if sum(map(len, self.angles)) >= TRANSFORMED:
                 self.transform()
         if linear is not None and len(self.by_unknown):
-            self._add_unknowns(linear, by_site, values, flat)
+            self._add_unknowns(linear, by_site, of_wide, flat)
 
     def _add_unknowns(
-        self, linear: LinearisedResiduals, by_site: FloatArray, values: list[FloatArray], flat: FloatArray
+        self, linear: LinearisedResiduals, by_site: FloatArray, of_wide: list[FloatArray], flat: FloatArray
     ) -> None:
         by = by_all_unknowns(linear, len(self.by_unknown))
         self.by_unknown += by @ linear.residuals.ravel()
         self.blocks = self.blocks + by @ by.T
         self.coupling[:, : self.n_narrow] += by @ flat.T
         readings = np.broadcast_to(np.arange(linear.unknown.shape[1]), linear.unknown.shape).ravel()
-        for i, span in zip(self.wide, self.spans, strict=True):
+        for (i, _), own, span in zip(self.wide, of_wide, self.spans, strict=True):
             contracted = (linear.by_unknown * by_site[i][:, None]).sum(axis=0)
             spread = csr_array(
                 (contracted.ravel(), (linear.unknown.ravel(), readings)),
                 shape=(len(self.by_unknown), linear.unknown.shape[1]),
             )
-            self.coupling[:, span] += spread @ values[i].T
+            self.coupling[:, span] += spread @ own.T
 
     def transform(self) -> None:
         """Add the pairs of sites of harmonics of all chunks since the last transforms."""
@@ -459,15 +449,15 @@ class GaussNewtonSums:
     def equations(self) -> Arrowhead:
         """The normal equations in the order of the parameters."""
         self.transform()
-        back, gram = np.argsort(self.order), self.gram
-        spans = [slice(0, self.n_narrow), *self.spans]
-        for one, other in combinations(spans, 2):
-            gram[other, one] = gram[one, other].T
-        for span in spans:
-            upper = np.triu(gram[span, span])
-            gram[span, span] = upper + np.triu(upper, 1).T
+        back, head = np.argsort(self.order), np.empty_like(self.gram)
+        # Whole blocks of adjacent parameters: element by element it takes as long as the products of few readings.
+        cuts = np.union1d([0, *self.stops], np.flatnonzero(np.diff(self.order) != 1) + 1)
+        runs = [(slice(a, b), slice(self.order[a], self.order[a] + b - a)) for a, b in pairwise(cuts)]
+        for (one, here), (other, there) in combinations_with_replacement(runs, 2):
+            block = self.gram[one, other]
+            head[here, there], head[there, here] = block, block.T
         gradient = np.concatenate([self.gradient[back], self.by_unknown])
-        return Arrowhead(self.cost, gradient, gram.take(back, 0).take(back, 1), self.coupling[:, back], self.blocks)
+        return Arrowhead(self.cost, gradient, head, self.coupling[:, back], self.blocks)
 
 
 def by_all_unknowns(linear: LinearisedResiduals, n: int) -> csr_array:
