@@ -9,7 +9,11 @@ from truearm.identification.judgement.change_point import (
     CLEAR_ODDS,
     NEIGHBOURS,
     SIGNIFICANCE,
+    _Course,
+    _explained,
     _limit_probability,
+    _log_likelihoods,
+    _long_run_ratio,
     _p_value,
     _Readings,
     _whitened,
@@ -247,3 +251,62 @@ def test_a_reading_is_no_neighbour_of_itself(rng):
     assert at.nearest.shape == (50, NEIGHBOURS)
     assert not (at.nearest == np.arange(50)[:, None]).any()
     assert all(len(set(row)) == NEIGHBOURS for row in at.nearest.tolist())
+
+
+def test_the_long_run_variance_is_that_of_bartletts_kernel(rng):
+    white = np.cumsum(rng.standard_normal((216, 3)), axis=0) + rng.standard_normal((216, 3))
+    plain, lags = (white**2).sum(axis=0), 6  # the cube root of 216
+    weighed = sum((1 - lag / (lags + 1)) * (white[lag:] * white[:-lag]).sum(axis=0) for lag in range(1, lags + 1))
+    np.testing.assert_allclose(_long_run_ratio(white), 1 + 2 * weighed / plain, rtol=1e-12)
+
+
+def test_residuals_less_what_is_smooth_are_those_of_least_squares(rng):
+    angles, weights, residuals = rng.uniform(-1, 1, (200, 3)), rng.uniform(0.5, 2, (200, 3)), rng.normal(size=(200, 3))
+    at = _Readings(np.concatenate([angles, angles[:8]]), {}, *(np.r_[of, of[:8]] for of in (residuals, weights)), None)
+    smooth, root = at._smooth[0], np.sqrt(at.weights.mean(axis=1))[:, None]
+    plain = at.residuals - smooth @ np.linalg.lstsq(root * smooth, root * at.residuals, rcond=1e-9)[0]
+    # Normal equations of a condition of 1e9 at most: seven digits remain.
+    np.testing.assert_allclose(at.less_smooth(at.residuals), plain, atol=1e-7)
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_the_likelihood_of_each_step_is_that_of_its_least_squares(alike, rng):
+    """Beside a change that is known, of weights that differ by axis or not; residuals differ from those at like poses.
+
+    The rows near the known change too, where little of another is left.
+    """
+    angles, motions, residuals = arm_session(60, 8)
+    del motions["J6"]  # it moves nothing
+    residuals[25:] -= [0.1, 0.0, 0.0]
+    weights = np.repeat(rng.uniform(0.5, 2, (60, 1)), 3, axis=1) if alike else rng.uniform(0.5, 2, (60, 3))
+    at = _Readings(angles, motions, residuals, weights / STD**2, np.arange(60))
+    others = [_Course("frame", 25), _Course("tip", 40)]
+    found = _log_likelihoods(at, others, 8, steps=True)
+    root, contrast = np.sqrt(at.weights), at.contrast.toarray()
+
+    def squares(courses):
+        moving = [one.over(60)[:, None, None] * motions[one.what] for one in courses]
+        columns = np.concatenate([at.together, *moving], axis=2)
+        columns /= np.linalg.norm(columns, axis=(0, 1))
+        moved = (root[:, :, None] * np.tensordot(contrast, columns, 1)).reshape(180, -1)
+        target = (root * (contrast @ residuals)).ravel()
+        return ((target - moved @ np.linalg.lstsq(moved, target, rcond=1e-7)[0]) ** 2).sum()
+
+    for what, of in found.items():
+        plain = np.log([squares([*others, _Course(what, step)]) for step in range(8, 53)])
+        slope = (of.max() - of.min()) / (plain.max() - plain.min())  # half the number of independent coordinates
+        np.testing.assert_allclose(of - of[0], -slope * (plain - plain[0]), atol=1e-6 * slope)
+
+
+def test_what_motions_explain_does_not_depend_on_their_units(rng):
+    """Nor on motions of which nothing is left beside the others."""
+    columns = rng.normal(size=(5, 40, 4))
+    columns[:, :, 3] = columns[:, :, 0] - columns[:, :, 2]
+    columns *= [1.0, 1e4, 1e-4, 1.0]
+    target = rng.normal(size=(5, 40))
+    gram, right = np.einsum("nip,niq->pqn", columns, columns), np.einsum("nip,ni->pn", columns, target)
+    plain = [
+        ((of @ np.linalg.lstsq(of, one, rcond=None)[0]) ** 2).sum()
+        for of, one in zip(columns[:, :, :3], target, strict=True)
+    ]
+    np.testing.assert_allclose(_explained(gram, right, np.einsum("ppn->pn", gram).copy()), plain, rtol=1e-9)

@@ -31,8 +31,7 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dormqr
-from scipy.sparse import csr_array, eye_array, triu
+from scipy.sparse import csr_array, eye_array, tril
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 from scipy.special import chdtrc, chdtri, gammaln, logsumexp  # `scipy.stats` takes longer to import than a small fit
@@ -61,6 +60,10 @@ STILL_SHARE, STILL_ANGLE = 0.01, 1e-3
 MOST_READINGS = 20_000
 # Changes that are looked for one after the other.
 MAX_CHANGES = 5
+# Smaller eigenvalues of products of columns of unit size are rounding.
+LEAST_EIGENVALUE = 1e-11
+# Of a motion of which others leave a smaller share nothing is left.
+LEAST_LEFT = 1e-6
 # A kind is named alone if its odds against every other are better.
 CLEAR_ODDS = 20.0
 # Smaller probabilities are not stated.
@@ -184,10 +187,15 @@ class _Readings:
     likelihoods: dict[tuple[Any, ...], dict[str, FloatArray]] = field(default_factory=dict, init=False)
 
     @cached_property
-    def constant(self) -> tuple[FloatArray, FloatArray]:
-        """(n, 3, p) all motions, and these times their weights."""
-        motions = np.concatenate(list(self.motions.values()), axis=2)
-        return motions, self.weighed(motions)
+    def together(self) -> FloatArray:
+        """(n, 3, p) all motions."""
+        return np.concatenate(list(self.motions.values()), axis=2)
+
+    @cached_property
+    def columns(self) -> dict[str, slice]:
+        """Of all motions those of each kind."""
+        stops = np.cumsum([of.shape[2] for of in self.motions.values()]).tolist()
+        return {what: slice(start, stop) for what, start, stop in zip(self.motions, [0, *stops], stops, strict=False)}
 
     @cached_property
     def nearest(self) -> IntArray:
@@ -199,43 +207,60 @@ class _Readings:
         own[~own.any(axis=1), -1] = True
         return np.asarray(found[~own].reshape(len(found), k))
 
+    def _less_nearest(self, weight: FloatArray) -> csr_array:
+        """(n, n) what takes from a value at each reading the mean of those at similar poses, by weight (n,)."""
+        (n, k), weight = self.nearest.shape, weight[self.nearest]
+        share = weight / np.maximum(weight.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+        mean = csr_array((share.ravel(), self.nearest.ravel(), np.arange(0, n * k + 1, k)), shape=(n, n))
+        return eye_array(n, format="csr") - mean
+
+    @cached_property
+    def plain_contrast(self) -> csr_array:
+        """(n, n) of each reading with those at the most similar poses, all alike."""
+        return self._less_nearest(np.ones(len(self.rows)))
+
     @cached_property
     def contrast(self) -> csr_array:
-        """(n, n) what takes from a value at each reading the mean of those at the most similar poses, by weight."""
-        n, k = self.nearest.shape
-        weight = self.weights.mean(axis=1)[self.nearest]
-        share = weight / np.maximum(weight.sum(axis=1, keepdims=True), np.finfo(float).tiny)
-        return eye_array(n, format="csr") - csr_array(
-            (share.ravel(), self.nearest.ravel(), np.arange(0, n * k + 1, k)), shape=(n, n)
-        )
+        """(n, n) of each reading with those at the most similar poses, by weight."""
+        return self._less_nearest(self.weights.mean(axis=1))
+
+    def weighed(self, columns: FloatArray) -> FloatArray:
+        """(n, 3, p) columns times the weights of products with their differences from those at like poses."""
+        n = len(columns)
+        differences = (self.contrast @ columns.reshape(n, -1)).reshape(columns.shape)
+        differences *= self.weights[:, :, None]
+        return np.asarray((self.contrast.T @ differences.reshape(n, -1)).reshape(columns.shape))
 
     @cached_property
-    def precisions(self) -> list[csr_array]:
-        """Weights of products of residuals of each axis: of their differences from those at like poses."""
-        return [csr_array(self.contrast.T @ (column[:, None] * self.contrast)) for column in self.weights.T]
+    def weighed_together(self) -> FloatArray:
+        """(n, 3, p) all motions, weighed."""
+        return self.weighed(self.together)
 
     @cached_property
-    def later(self) -> list[csr_array]:
-        """The precisions of each reading with later ones."""
-        return [triu(one, 1, format="csr") for one in self.precisions]
+    def products(self) -> FloatArray:
+        """(p, p, n) products of all motions up to each reading with all motions, weighed."""
+        return _up_to_each(self.together, self.weighed_together)
 
     @cached_property
     def own_products(self) -> dict[str, FloatArray]:
-        """(n, k, k) by kind products of the motions of each reading with their own and all later ones, weighed."""
-        found = {what: np.zeros((len(of), of.shape[2], of.shape[2])) for what, of in self.motions.items()}
-        for what, motions in self.motions.items():
-            for axis, (precision, later) in enumerate(zip(self.precisions, self.later, strict=True)):
-                own = motions[:, axis]
-                with_later = own[:, :, None] * (later @ own)[:, None, :]
-                found[what] += precision.diagonal()[:, None, None] * own[:, :, None] * own[:, None, :]
-                found[what] += with_later + with_later.transpose(0, 2, 1)
-        return found
+        """(k, k, n) by kind products of the motions up to each reading with themselves, weighed."""
+        n, earlier, back = len(self.rows), np.empty_like(self.together), csr_array(self.contrast.T)
+        left = set(range(3))
+        while left:  # axes, often of the same weights
+            weight = self.weights[:, min(left)]
+            alike = [axis for axis in left if (self.weights[:, axis] == weight).all()]
+            left.difference_update(alike)
+            precision = tril(back @ (weight[:, None] * self.contrast), format="csr")
+            precision.setdiag(precision.diagonal() / 2)
+            earlier[:, alike] = (precision @ self.together[:, alike].reshape(n, -1)).reshape(n, len(alike), -1)
+        half = {what: _up_to_each(self.together[..., of], earlier[..., of]) for what, of in self.columns.items()}
+        return {what: of + of.transpose(1, 0, 2) for what, of in half.items()}
 
     @cached_property
-    def _smooth(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Cubic functions of each joint and distances from some poses, (n, p), and their weighed factorisation.
+    def _smooth(self) -> tuple[FloatArray, FloatArray] | None:
+        """Cubic functions of each joint and distances from some poses, (n, p), and the root of their weighed products.
 
-        As LAPACK keeps it, by reflections. None where too few readings would determine them.
+        None where too few readings would determine them.
         """
         z = _standardized(self.angles)
         smooth = np.hstack([np.ones((len(z), 1)), z, z**2, z**3])
@@ -244,21 +269,17 @@ class _Readings:
             return None
         centres = z[np.linspace(0, len(z) - 1, n_centres, dtype=int)]
         smooth = np.hstack([smooth, cdist(z, centres)])
-        reflectors, scales = np.linalg.qr(np.sqrt(self.weights.mean(axis=1))[:, None] * smooth, mode="raw")
-        return smooth, reflectors.T, scales
+        weighed = np.sqrt(self.weights.mean(axis=1))[:, None] * smooth
+        gram = weighed.T @ weighed
+        return smooth, _root_of_inverse(gram, gram.diagonal())
 
     def less_smooth(self, residuals: FloatArray) -> FloatArray:
         """Residuals less what is smooth in the joints."""
         if self._smooth is None:
             return residuals
-        smooth, reflectors, scales = self._smooth
-        p, weighed = smooth.shape[1], np.sqrt(self.weights.mean(axis=1))[:, None] * residuals
-        along = dormqr("L", "T", reflectors, scales, weighed, lwork=64 * p)[0][:p]
-        return np.asarray(residuals - smooth @ np.linalg.lstsq(np.triu(reflectors[:p]), along, rcond=1e-9)[0])
-
-    def weighed(self, columns: FloatArray) -> FloatArray:
-        """(n, 3, p) columns times their weights."""
-        return np.stack([one @ columns[:, axis] for axis, one in enumerate(self.precisions)], axis=1)
+        smooth, root = self._smooth
+        along = smooth.T @ (self.weights.mean(axis=1)[:, None] * residuals)
+        return np.asarray(residuals - smooth @ (root @ (root.T @ along)))
 
     def evenly(self, most: int) -> _Readings:
         """No more than `most` of them, evenly selected in their order."""
@@ -283,10 +304,12 @@ class _Readings:
         if is_first.all():
             return self
         starts = np.flatnonzero(is_first)
+        ends = np.append(starts, len(angles))
+        share = np.repeat(1 / np.diff(ends), np.diff(ends))
+        of_pose = csr_array((share, np.arange(len(angles)), ends))
 
         def mean(values: FloatArray) -> FloatArray:
-            counts = np.diff([*starts, len(angles)]).reshape(-1, *[1] * (values.ndim - 1))
-            return np.asarray(np.add.reduceat(values, starts) / counts)
+            return np.asarray((of_pose @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:]))
 
         weight = mean(self.weights)
         weighted = np.divide(mean(self.weights * self.residuals), weight, out=np.zeros_like(weight), where=weight > 0)
@@ -320,8 +343,10 @@ def _significance(at: _Readings, residuals: FloatArray) -> float | None:
     # significant decides; of few readings the second, which is so more often, spares random orders of the first.
     for is_smooth_left in (True, False) if len(residuals) >= LIMIT_READINGS else (False, True):
         some = residuals if is_smooth_left else at.less_smooth(residuals)
-        scores = [np.einsum("nij,ni->nj", motions, at.weights * some) for motions in at.motions.values()]
-        whitened = [_whitened(_less_those_of_like_poses(one, at.nearest)) for one in scores]
+        scores = np.einsum("nip,ni->np", at.together, at.weights * some)
+        contrasts = np.asfortranarray(at.plain_contrast @ scores)
+        contrasts -= contrasts.mean(axis=0)
+        whitened = [_whitened(contrasts[:, of]) for of in at.columns.values()]
         p_value = _p_value([white for white in whitened if white.shape[1]])
         if p_value is None:
             return None
@@ -339,11 +364,12 @@ def _p_value(whitened: list[FloatArray]) -> float | None:
     for white in whitened:
         step = margin + int(np.argmax(_statistics(white)[cut]))
         without = _without_step(white, step)
-        sums = np.cumsum(white, axis=0)[step - 1] ** 2 / _long_run_ratio(without)
+        sums = white[:step].sum(axis=0) ** 2 / _long_run_ratio(without)
         largest = max(largest, _clearness(float(sums.sum()) * n / (step * (n - step)), white.shape[1]))
-        within.append(_whitened(without))
+        within.append(without)
     if largest < -np.log(LARGEST_TAIL):
         return None
+    within = [_whitened(one) for one in within]
     widths = [one.shape[1] for one in within]
     limits = chdtri(widths, np.exp(-min(largest, 700.0)))  # as clear as this
     probability = float(sum(_limit_probability(x, k, margin / n) for x, k in zip(limits, widths, strict=True)))
@@ -389,18 +415,13 @@ def _standardized(angles: FloatArray) -> FloatArray:
     return np.asarray((angles - angles.mean(axis=0)) / np.where(scatter > 0, scatter, 1.0))
 
 
-def _less_those_of_like_poses(scores: FloatArray, nearest: IntArray) -> FloatArray:
-    """Scores less the mean of those at the most similar poses, and less their own mean."""
-    contrasts = scores - scores[nearest].mean(axis=1)
-    return np.asarray(contrasts - contrasts.mean(axis=0))
-
-
 def _whitened(scores: FloatArray) -> FloatArray:
     """Scores with a unit covariance; directions that do not vary are omitted."""
     scaled = scores / np.maximum(scores.std(axis=0), np.finfo(float).tiny)
     values, axes = np.linalg.eigh(scaled.T @ scaled / len(scores))
     varies = values > 1e-9
-    return np.asarray(scaled @ (axes[:, varies] / np.sqrt(values[varies])))
+    # Each column in one piece: sums over the readings take a third of the time.
+    return np.asarray(((axes[:, varies] / np.sqrt(values[varies])).T @ scaled.T).T)
 
 
 def _factors(n: int) -> FloatArray:
@@ -416,18 +437,22 @@ def _statistics(white: FloatArray) -> FloatArray:
 
 def _without_step(white: FloatArray, step: int) -> FloatArray:
     """Scores less the means of both parts."""
-    return np.concatenate([part - part.mean(axis=0) for part in (white[:step], white[step:])])
+    without = np.copy(white)
+    for part in (without[:step], without[step:]):
+        part -= part.mean(axis=0)
+    return without
 
 
 def _long_run_ratio(white: FloatArray) -> FloatArray:
-    """Long-run over plain variance of each column, 1 or more: Bartlett's kernel over the cube root of n lags."""
+    """Long-run over plain variance of each column, 1 or more: Bartlett's kernel over the cube root of n lags.
+
+    Squared sums of as many consecutive values contain each product of two as often as that kernel weighs it.
+    """
     n = len(white)
-    plain = (white**2).mean(axis=0)
-    lags = max(1, int(np.ceil(n ** (1 / 3))))
-    long_run = plain.copy()
-    for lag in range(1, lags + 1):
-        long_run += 2 * (1 - lag / (lags + 1)) * (white[lag:] * white[:-lag]).sum(axis=0) / n
-    return np.asarray(np.maximum(long_run / plain, 1.0))
+    many = 1 + max(1, int(np.ceil(n ** (1 / 3))))
+    sums = np.cumsum(np.pad(white, ((many, many - 1), (0, 0))), axis=0)
+    long_run = ((sums[many:] - sums[:-many]) ** 2).sum(axis=0) / many
+    return np.asarray(np.maximum(long_run / (white**2).sum(axis=0), 1.0))
 
 
 # What changed, and where ----------------------------------------------------------------------------------------------
@@ -438,38 +463,40 @@ class _Identified(NamedTuple):
 
     Attributes
     ----------
-    columns, weighed : (n, 3, p) array
-        Displacements by each, and these times their weights.
-    inverse : (p, p) array
-        Pseudoinverse of their products.
+    columns, weighed : list of (n, 3, p) array
+        Displacements by all motions, and by the changes; these weighed.
+    root : (p, r) array
+        Its products with itself are the pseudoinverse of those of the columns.
     coefficients : (p,) array
     left : (n, 3) array
         Residuals less these.
+    differences : (n, 3) array
+        Of these from those at like poses, whitened.
     """
 
-    columns: FloatArray
-    weighed: FloatArray
-    inverse: FloatArray
+    columns: list[FloatArray]
+    weighed: list[FloatArray]
+    root: FloatArray
     coefficients: FloatArray
     left: FloatArray
+    differences: FloatArray
 
 
 def _identified(at: _Readings, courses: Sequence[_Course]) -> _Identified:
     """Once for the same changes."""
     if (found := at.identified.get(tuple(courses))) is not None:
         return found
-    columns, weighed = at.constant
+    columns, weighed, n = [at.together], [at.weighed_together], len(at.rows)
     if courses:
-        n = len(at.rows)
-        moving = np.concatenate([one.over(n)[:, None, None] * at.motions[one.what] for one in courses], axis=2)
-        columns, weighed = (np.concatenate(both, axis=2) for both in ((columns, moving), (weighed, at.weighed(moving))))
-    gram = np.tensordot(columns, weighed, axes=((0, 1), (0, 1)))
+        columns.append(np.concatenate([one.over(n)[:, None, None] * at.motions[one.what] for one in courses], axis=2))
+        weighed.append(at.weighed(columns[1]))
+    gram = np.block([[_products(one, other) for other in weighed] for one in columns])
     # What is constant has no differences: by its own size it stays zero.
-    size = np.einsum("ni,nip,nip->p", at.weights, columns, columns)
-    scale = 1 / np.sqrt(np.maximum(size, np.finfo(float).tiny))
-    inverse = scale[:, None] * np.linalg.pinv(scale[:, None] * gram * scale, rcond=1e-9, hermitian=True) * scale
-    coefficients = inverse @ np.tensordot(weighed, at.residuals, axes=((0, 1), (0, 1)))
-    found = _Identified(columns, weighed, inverse, coefficients, at.residuals - columns @ coefficients)
+    root = _root_of_inverse(gram, np.concatenate([_size(at, one) for one in columns]))
+    coefficients = root @ (root.T @ np.concatenate([_products(one, at.residuals) for one in weighed]))
+    parts = np.split(coefficients, [at.together.shape[2]])
+    left = at.residuals - sum(one @ part for one, part in zip(columns, parts, strict=False))
+    found = _Identified(columns, weighed, root, coefficients, left, np.sqrt(at.weights) * (at.contrast @ left))
     at.identified[tuple(courses)] = found
     return found
 
@@ -478,14 +505,35 @@ def _without(at: _Readings, courses: list[_Course]) -> FloatArray:
     """Residuals without changes, any constant motion being identified: differences alone do not determine that."""
     if not courses:
         return at.residuals
-    (constant, _), n, changes = at.constant, len(at.rows), _identified(at, courses)
-    p = constant.shape[2]
-    residuals = at.residuals - changes.columns[:, :, p:] @ changes.coefficients[p:]
-    root = np.sqrt(at.weights)
-    columns = (root[:, :, None] * constant).reshape(3 * n, -1)
-    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    constants = np.linalg.lstsq(columns / scale, (root * residuals).ravel(), rcond=1e-9)[0] / scale
-    return np.asarray(residuals - constant @ constants)
+    constant, changes = at.together, _identified(at, courses)
+    residuals = at.residuals - changes.columns[1] @ changes.coefficients[constant.shape[2] :]
+    weighted = at.weights[:, :, None] * constant
+    root = _root_of_inverse(_products(constant, weighted), _size(at, constant))
+    return np.asarray(residuals - constant @ (root @ (root.T @ _products(weighted, residuals))))
+
+
+def _products(columns: FloatArray, others: FloatArray) -> FloatArray:
+    """(p, ...) products of columns (n, 3, p) with others (n, 3, ...)."""
+    return np.tensordot(columns, others, axes=((0, 1), (0, 1)))
+
+
+def _up_to_each(columns: FloatArray, others: FloatArray) -> FloatArray:
+    """(p, q, n) products of columns (n, 3, p) up to each reading with others (n, 3, q)."""
+    one, other = (np.ascontiguousarray(of.transpose(2, 1, 0)) for of in (columns, others))
+    return np.cumsum(np.einsum("pin,qin->pqn", one, other), axis=-1)
+
+
+def _size(at: _Readings, columns: FloatArray) -> FloatArray:
+    """(p,) weighted squares of columns."""
+    return np.asarray(np.einsum("ni,nip->p", at.weights, columns**2))
+
+
+def _root_of_inverse(gram: FloatArray, size: FloatArray) -> FloatArray:
+    """(p, r) root of the pseudoinverse of the products of columns of some squares (p,)."""
+    scale = 1 / np.sqrt(np.maximum(size, np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(scale[:, None] * gram * scale)
+    counts = values > LEAST_EIGENVALUE * values.max(initial=0.0)
+    return np.asarray(scale[:, None] * vectors[:, counts] / np.sqrt(values[counts]))
 
 
 def _best(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> tuple[_Course, dict[str, FloatArray]]:
@@ -502,32 +550,28 @@ def _best(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> 
 def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> dict[str, FloatArray]:
     """Log likelihoods of a change beside others, by kind; of steps at all rows, of drifts one.
 
-    A step's columns are zero before it. Of their products with each other, with the constant columns and with the
-    residuals sums over the readings after it are enough: those of all rows are one cumulated sum.
+    Beside constant motions it is the same whether a motion is there before or after a step. Of its products with
+    itself, with the constant columns and with the residuals sums over the readings before it are enough: those of all
+    rows are one cumulated sum.
     """
-    n = len(at.rows)
-    _, weighed, inverse, _, left = _identified(at, others)
-    towards_all = at.weighed(left[..., None])[..., 0]
-    square = max(float((left * towards_all).sum()), np.finfo(float).tiny)
+    n, p, beside = len(at.rows), at.together.shape[2], _identified(at, others)
+    square = max(float((beside.differences**2).sum()), np.finfo(float).tiny)
+    towards_all = at.contrast.T @ (np.sqrt(at.weights) * beside.differences)
+    rest = np.concatenate([*beside.weighed[1:], towards_all[:, :, None]], axis=2)
+    if steps:
+        cut = slice(margin - 1, n - margin)
+        own = {what: of[:, :, cut] for what, of in at.own_products.items()}
+        with_constant, with_rest = at.products[:, :, cut], _up_to_each(at.together, rest)[:, :, cut]
+    else:
+        ramp = np.linspace(0.0, 1.0, n)[:, None, None] * at.together
+        of_both = _products(ramp, at.weighed(ramp))[:, :, None]
+        own = {what: of_both[of, of] for what, of in at.columns.items()}
+        with_constant, with_rest = (_products(ramp, one)[:, :, None] for one in (at.weighed_together, rest))
+    taken = np.matmul(beside.root[:p].T, with_constant) + np.matmul(beside.root[p:].T, with_rest[:, :-1])
     found = {}
-    for what, motions in at.motions.items():
-        if steps:
-            sums = [
-                np.cumsum(one[::-1], axis=0)[::-1][margin : n - margin + 1]
-                for one in (
-                    at.own_products[what],
-                    np.einsum("nip,niq->npq", motions, weighed),
-                    np.einsum("nip,ni->np", motions, towards_all),
-                )
-            ]
-        else:
-            ramp = _Course(what, 0).over(n)[:, None, None] * motions
-            sums = [
-                np.tensordot(ramp, one, axes=((0, 1), (0, 1)))[None] for one in (at.weighed(ramp), weighed, towards_all)
-            ]
-        gram = sums[0] - sums[1] @ inverse @ sums[1].transpose(0, 2, 1)
-        inverses = np.linalg.pinv(gram, rcond=1e-6, hermitian=True)
-        gain = np.einsum("np,npq,nq->n", sums[2], inverses, sums[2])
+    for what, of in at.columns.items():
+        gram = own[what] - np.einsum("pin,qin->pqn", taken[of], taken[of])
+        gain = _explained(gram, with_rest[of, -1], np.einsum("ppn->pn", own[what]))
         found[what] = np.maximum(square - gain, 1e-12 * square)
     least = min(found, key=lambda what: float(found[what].min()))
     best = _Course(least, margin + int(np.argmin(found[least])) if steps else 0)
@@ -538,17 +582,32 @@ def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps
     }
 
 
+def _explained(gram: FloatArray, right: FloatArray, size: FloatArray) -> FloatArray:
+    """(n,) squares that motions explain, by their products (k, k, n) and those with the residuals (k, n).
+
+    By elimination; motions of which less than a share of their `size` (k, n) is left explain nothing.
+    """
+    gain, right = np.zeros(right.shape[1]), right.copy()
+    for k, pivot in enumerate(np.einsum("ppn->pn", gram)):
+        inverse = np.divide(1.0, pivot, out=np.zeros_like(pivot), where=pivot > LEAST_LEFT * size[k])
+        gain += right[k] ** 2 * inverse
+        share = gram[k + 1 :, k] * inverse
+        right[k + 1 :] -= share * right[k]
+        gram[k + 1 :, k + 1 :] -= share[:, None] * gram[k, k + 1 :]
+    return gain
+
+
 def _log_likelihood(at: _Readings, courses: list[_Course], best: list[_Course]) -> float:
     """Of some changes together, less what their motions and rows cost; the noise as it is without the best ones."""
-    left, n = _identified(at, courses).left[..., None], len(at.rows)
+    n, left = len(at.rows), _identified(at, courses).differences
     cost = sum(at.motions[one.what].shape[2] / 2 + (one.step > 0) for one in courses) * np.log(n)
-    return float(-_freedom(at, best) / 2 * np.log((left * at.weighed(left)).sum()) - cost)
+    return float(-_freedom(at, best) / 2 * np.log((left**2).sum()) - cost)
 
 
 def _freedom(at: _Readings, courses: list[_Course]) -> float:
     """Number of coordinates that are independent, of what some changes leave over."""
-    left = np.sqrt(at.weights) * (at.contrast @ _identified(at, courses).left)
-    return 3 * int((at.weights > 0).any(axis=1).sum()) / float(_long_run_ratio(left).mean())
+    independent = float(_long_run_ratio(_identified(at, courses).differences).mean())
+    return 3 * int((at.weights > 0).any(axis=1).sum()) / independent
 
 
 def _describe(
