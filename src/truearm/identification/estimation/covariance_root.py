@@ -14,7 +14,7 @@ Data of the normal matrix G that are taken back leave the covariance ``(Sigma^-1
 many the data are.
 
 Source of the factor: G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th ed., section 4.2; of the iteration,
-section 7.3.
+section 10.3.6.
 """
 
 from __future__ import annotations
@@ -42,10 +42,9 @@ from truearm.solve.linear_algebra import covariance_factor
 from truearm.solve.trigonometric_sums import Multiples, bilinear_form, is_cheaper
 from truearm.typing import FloatArray, IntArray
 
-# Directions of small shares are found by a subspace iteration: of so many directions at least, in so many rounds, and
-# with shares up to so many times the limit. What remains of others is then less than (1 / FARTHER)^(2 ROUNDS) at the
-# limit, where nothing depends on it.
-FEWEST, ROUNDS, FARTHER = 8, 4, 3.0
+# Directions of small shares are found in a Krylov space of blocks of so many vectors, up to so many times the limit,
+# where nothing depends on them. Their residuals are less than this share: that of an eigenvalue is its square.
+BLOCK, FARTHER, CONVERGED = 8, 3.0, 0.03
 # Share of the variance by each coefficient alone, summed, that may remain of it with their covariances: below it their
 # sum has lost ten digits of sixteen.
 LEAST_SHARE = 1e-10
@@ -158,14 +157,18 @@ class CovarianceRoot:
             found = dtrmm(1.0, of_few.T, flat.T, side=1, lower=1, overwrite_b=1).T
         else:
             found = of_few.dot(flat)
-        out = found.reshape(-1, k, m)
-        if wide:
-            out = np.concatenate([out, np.zeros((self.n_rows - len(out), k, m))])
-        for part, own in zip(wide, of_many, strict=True):
-            by_function = own @ values[part.functions]
-            for coordinate, along in enumerate(along_sites[part.sites[0]]):
-                out[: len(by_function), coordinate] += along * by_function
-        return out
+        found = found.reshape(-1, k, m)
+        if not wide:
+            return found
+        along = np.ascontiguousarray(along_sites[[part.sites[0] for part in wide]].transpose(2, 1, 0))
+        out, of_sites = np.empty((m, k, self.n_rows)), np.zeros((min(m, PIECE), len(wide), self.n_rows))
+        for rows in chunks(m, PIECE):
+            some = of_sites[: len(along[rows])]
+            for n, (part, own) in enumerate(zip(wide, of_many, strict=True)):
+                np.matmul(values[part.functions, rows].T, own.T, out=some[:, n, : len(own)])
+            np.matmul(along[rows], some, out=out[rows])
+        out[:, :, : len(found)] += found.transpose(2, 1, 0)
+        return out.transpose(2, 1, 0)
 
     def covariances(self, along_sites: FloatArray, values: FloatArray, angles: FloatArray) -> FloatArray:
         """``J Sigma J^T`` of every reading: displacements of k coordinates, or of residuals.
@@ -312,15 +315,18 @@ def least_shares(
 
     By what its inverse times some directions is.
     """
-    k = FEWEST
-    while 4 * k <= n:
-        found = np.linalg.qr(np.random.default_rng(0).normal(size=(n, k)))[0]
-        for _ in range(ROUNDS):
-            times = inverse_times(found)
-            values, vectors = np.linalg.eigh(found.T @ times)
-            ritz, found = found @ vectors, np.linalg.qr(times)[0]
-        if 1 / values[0] > FARTHER * least:
-            return 1 / values, ritz
-        k *= 2
+    new = np.random.default_rng(0).normal(size=(n, BLOCK))
+    basis, times = np.zeros((2, n, 0))
+    while 2 * (basis.shape[1] + BLOCK) <= n:
+        for _ in range(2):  # the second makes up for what rounding left along the basis
+            new = np.linalg.qr(new - basis @ (basis.T @ new))[0]
+        basis, times = np.hstack([basis, new]), np.hstack([times, inverse_times(new)])
+        values, vectors = np.linalg.eigh(basis.T @ times)
+        found = values >= min(values[-1], 1 / (FARTHER * least))
+        values, directions = values[found], basis @ vectors[:, found]
+        off = np.linalg.norm(times @ vectors[:, found] - values * directions, axis=0)
+        if not found.all() and (off <= CONVERGED * values).all():
+            return 1 / values, directions
+        new = times[:, -BLOCK:]
     values, vectors = np.linalg.eigh(inverse_times(np.eye(n)))
     return 1 / values, vectors

@@ -254,21 +254,6 @@ class _Piece(NamedTuple):
     spread: FloatArray
 
 
-class _Stack(NamedTuple):
-    """Readings of a reference in several groups, as arrays in which every group has as many places.
-
-    `spread` (g, p, n) is the coefficients' part of the root of S, transposed; `residuals` (g, n) are whitened. `shape`
-    is the number of residuals of a reading, and of places, whose product is n.
-    """
-
-    rows: IntArray
-    groups: IntArray
-    place: IntArray
-    spread: FloatArray
-    residuals: FloatArray
-    shape: tuple[int, int]
-
-
 class _Group(NamedTuple):
     """A group's residuals (n,), and the unknowns' part of the root of S of them, (n, t).
 
@@ -454,47 +439,33 @@ class _Minimum:
 
         With S = A A^T, ``(I - S)^-1 = I + A (I - A^T A)^-1 A^T``: of the two matrices the smaller is inverted.
         """
-        which = np.unique(batch.which).tolist()
-        stacks = {i: self._stacked(batch, i) for i in which}
-        At = np.concatenate([stacks[i].spread for i in which], axis=2)
-        A, r = At.transpose(0, 2, 1), np.concatenate([stacks[i].residuals for i in which], axis=1)
-        is_dual = A.shape[1] <= A.shape[2]
+        stacks: list[tuple[int, IntArray, IntArray, IntArray]] = []
+        n_places = 0
+        for i in np.unique(batch.which).tolist():
+            k, (rows, groups, place) = self.parts[i].weights.shape[1], batch.of(i)
+            stacks.append((i, rows, groups[:, None], n_places + k * place[:, None] + np.arange(k)))
+            n_places += k * batch.largest(i)
+        A, r = np.zeros((batch.n_groups, n_places, self.root.n_rows)), np.zeros((batch.n_groups, n_places))
+        for i, rows, groups, at in stacks:  # readings that a group lacks are zero
+            A[groups, at] = self._spread(i, rows).reshape(*at.shape, -1)
+            r[groups, at] = self.parts[i].residuals[rows]
+        At, is_dual = A.transpose(0, 2, 1), A.shape[1] <= A.shape[2]
         S = A @ At if is_dual else At @ A
         inverse = np.linalg.inv(np.eye(S.shape[1]) - S)
         # Its largest eigenvalue is below this norm; else some direction needs a bound.
         is_free = np.linalg.norm(inverse, axis=(1, 2)) <= 1 / LEAST_FREEDOM
         along = np.matmul(inverse, r[:, :, None] if is_dual else At @ r[:, :, None])
         white = along[:, :, 0] if is_dual else r + (A @ along)[:, :, 0]
-        left, right = (S, inverse) if is_dual else (A @ inverse, At)
-        start = 0
-        for i in which:
-            rows, groups, place, (k, most) = stacks[i].rows, stacks[i].groups, stacks[i].place, stacks[i].shape
-            stop, shape = start + k * most, (batch.n_groups, k, most)
-            free = is_free[groups]
+        left, right = (S, inverse) if is_dual else (A @ inverse, A)
+        for i, rows, groups, at in stacks:
+            free = is_free[groups[:, 0]]
             if self.parts[i].is_judged[rows].any() and free.any():
-                of_left = left[:, start:stop].reshape(*shape, left.shape[2])
-                of_right = right[:, :, start:stop].reshape(batch.n_groups, right.shape[1], k, most)
-                blocks = np.einsum("gamx,gxbm->gmab", of_left, of_right, optimize=True)[groups, place]
-                of_part = white[:, start:stop].reshape(shape)[groups, :, place]
-                yield _held_out(self.parts[i], rows[free], of_part[free], blocks[free], np.ones(int(free.sum())), group)
-            start = stop
+                of = groups[free], at[free]
+                blocks = left[of] @ right[of].transpose(0, 2, 1)
+                yield _held_out(self.parts[i], rows[free], white[of], blocks, np.ones(int(free.sum())), group)
         if not is_free.all():
             for members in compress(batch.members(), ~is_free):
                 yield from self._without(self._group(members), partial(self._pieces, members), group)
-
-    def _stacked(self, batch: GroupBatch, which: int) -> _Stack:
-        most, k = batch.largest(which), self.parts[which].weights.shape[1]
-        rows, groups, place = batch.of(which)
-        n, r = batch.n_groups, self.root.n_rows
-        by_root = self.root.times(*self.problem.site_derivatives(which, rows, self.parts[which].linear, self.x))
-        spread = np.zeros((n, r, k, most))  # readings that a group lacks are zero
-        for own, (start, stop) in zip(
-            spread, pairwise(np.searchsorted(groups, np.arange(n + 1)).tolist()), strict=True
-        ):
-            own[:, :, : stop - start] = by_root[:, :, start:stop]
-        residuals = np.zeros((n, k, most))
-        residuals[groups, :, place] = self.parts[which].residuals[rows]
-        return _Stack(rows, groups, place, spread.reshape(n, r, k * most), residuals.reshape(n, k * most), (k, most))
 
     def _group(self, members: Members) -> _Group:
         residuals = np.concatenate([self.parts[i].residuals[rows].ravel() for i, rows in members])
