@@ -44,7 +44,7 @@ from truearm.typing import FloatArray, IntArray
 
 # Directions of small shares are found in a Krylov space of blocks of so many vectors, up to so many times the limit,
 # where nothing depends on them. Their residuals are less than this share: that of an eigenvalue is its square.
-BLOCK, FARTHER, CONVERGED = 8, 3.0, 0.03
+BLOCK, FARTHER, CONVERGED = 8, 3.0, 0.01
 # Share of the variance by each coefficient alone, summed, that may remain of it with their covariances: below it their
 # sum has lost ten digits of sixteen.
 LEAST_SHARE = 1e-10
