@@ -9,9 +9,7 @@ from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.residual_process import (
     GROUP,
     MOST_POINTS,
-    _gradient,
-    _information,
-    _right,
+    _equations,
     evidence_gain,
     propose_process,
 )
@@ -52,11 +50,9 @@ def test_the_gain_of_evidence_is_that_of_the_dense_covariances(arm, rng):
     Phi = (axes[:, None, :, None] * basis.values(state)[:, None]).reshape(-1, len(J)).T
     weights = points.weights.ravel()
     observed = J @ fit.coefficients - points.residuals.ravel()
-    weighted = points.weights**2 * points.residuals
-    (information,), (taken_over,) = _information(fit, state, [basis], points.weights, 1.0)
     # The rounds end within a twentieth of a standard deviation of the minimum: a gradient is left.
-    (right,) = _right(fit, state, [basis], weighted)
-    size, gain = evidence_gain(information, right + taken_over.T @ _gradient(fit, state, weighted), np.array([0.2]))
+    (equations,) = _equations(fit, state, [basis], points.weights, points.residuals, 40, 1.0)
+    size, gain = evidence_gain(*equations, np.array([0.2]))
     without = J @ np.diag(fit.prior_std**2) @ J.T + np.diag(weights**-2.0)
 
     def log_evidence(covariance):

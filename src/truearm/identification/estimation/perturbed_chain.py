@@ -286,7 +286,7 @@ class PerturbedChain:
         if values.shape[1] <= FEW:
             site_of, row_of = self.of_coefficient
             return np.asarray(along_sites[site_of] * values[row_of][:, None, :])
-        out = np.empty((self.n_coefficients, *along_sites.shape[1:]))
+        out = np.empty((self.n_coefficients, *along_sites.shape[1:]), along_sites.dtype)
         for along, site, value in zip(along_sites, self.sites, self.by_site(values), strict=True):
             out[site.columns] = along * value[:, None, :]
         return out

@@ -30,7 +30,6 @@ import numpy as np
 
 from truearm.identification.estimation.identification import sample_size, select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.identification.terms.basis import AXES, Basis
 from truearm.identification.terms.kernel import InducedProcess, embedded, inducing_points
 from truearm.identification.terms.state import ArmState
@@ -89,21 +88,17 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
     sample = state.rows(points.rows[chosen])
     tried = [_terms(_process(sample, length), 1.0) for length in LENGTH_SCALES]
     bases = [terms[0].basis for terms in tried]
+    order = np.concatenate([chosen, np.setdiff1d(used, chosen)])
     with one_blas_thread():
-        weighted = (points.weights**2 * points.residuals)[:, used]
-        information, taken_over = _information(fit, sample, bases, points.weights[:, chosen], len(used) / len(chosen))
-        left = _gradient(fit, state.rows(points.rows[used]), weighted)
-        right = [
-            one + by_gradient.T @ left
-            for one, by_gradient in zip(
-                _right(fit, state.rows(points.rows[used]), bases, weighted), taken_over, strict=True
-            )
-        ]
+        weights, times = points.weights[:, order], len(used) / len(chosen)
+        equations = _equations(
+            fit, state.rows(points.rows[order]), bases, weights, points.residuals[:, order], len(chosen), times
+        )
         sizes = points.noise_std * np.geomspace(LEAST_SIZE, MOST_SIZE, N_SIZES)
-        found = [evidence_gain(*equations, sizes) for equations in zip(information, right, strict=True)]
+        found = [evidence_gain(*of_process, sizes) for of_process in equations]
     best = int(np.argmax([gain for _, gain in found]))
     size, gain = found[best]
-    if explained_squares(information[best], right[best], size) < LEAST_SHARE * 3 * len(used):
+    if explained_squares(*equations[best], size) < LEAST_SHARE * 3 * len(used):
         return None
     # Size and length scale are chosen: half the logarithm of the number of readings each.
     allowance = float(np.log(len(used)))
@@ -138,45 +133,62 @@ def explained_squares(information: FloatArray, right: FloatArray, size: float) -
     return float((size**2 * (axes.T @ right) ** 2 / (1 + size**2 * np.maximum(values, 0.0))).sum())
 
 
-def _information(
-    fit: IdentificationResult, sample: ArmState, bases: Sequence[Basis], weights: FloatArray, times: float
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    """A and ``Sigma J^T W Phi`` of every process, by a sample of points with weights (3, m), each of `times`."""
-    # Products need no more digits than this, and take half the time with them.
-    chain, values = fit.perturbed_chain, [basis.values(sample).astype(np.float32) for basis in bases]
-    together, p = np.concatenate(values), len(fit.coefficients)
-    information = [np.zeros((3, len(value), 3, len(value))) for value in values]
-    of_sites = [np.zeros((3, len(site.columns), len(together))) for site in chain.sites]
-    axes = chain.chain.fixed[0, :3, :3].T
-    along = axes[:, :, None] * weights**2
-    for rows, _, along_sites, of_chain in chain.site_derivatives(sample, fit.coefficients):
-        # Coordinates are contracted before the functions.
-        by_axis = np.einsum("acm,scm->sam", along[:, :, rows], along_sites).astype(np.float32)
-        functions = of_chain.astype(np.float32)
-        for found, site, by in zip(of_sites, chain.sites, by_axis, strict=True):
-            found += (by[:, None] * functions[site.rows]) @ together[:, rows].T
+def _equations(
+    fit: IdentificationResult,
+    state: ArmState,
+    bases: Sequence[Basis],
+    weights: FloatArray,
+    residuals: FloatArray,
+    n_sample: int,
+    times: float,
+) -> list[tuple[FloatArray, FloatArray]]:
+    """A and b of every process, by points with weights and residuals (3, m); A by a sample, the first, each of `times`.
+
+    The gradient is taken for zero if there are references of other kinds, which would have to be added.
+    """
+    chain, x = fit.perturbed_chain, fit.coefficients
+    p, stops, axes = len(x), np.cumsum([basis.n_functions for basis in bases]), chain.chain.fixed[0, :3, :3].T
+    gradient, right, across = x / fit.prior_std**2, np.zeros((3, stops[-1])), np.zeros((3 * p, stops[-1]))
+    information = [np.zeros((3, basis.n_functions, 3, basis.n_functions)) for basis in bases]
+    for rows, _, along_sites, of_chain in chain.site_derivatives(state, x):
+        values = np.concatenate([basis.values(state.rows(rows)) for basis in bases])
+        squared = weights[:, rows] ** 2
+        weighted = squared * residuals[:, rows]
+        right -= axes @ weighted @ values.T
+        for site, pulled in zip(chain.sites, np.einsum("scm,cm->sm", along_sites, weighted), strict=True):
+            gradient[site.columns] += of_chain[site.rows] @ pulled
+        if rows.start >= n_sample:
+            continue
+        squared[:, max(n_sample - rows.start, 0) :] = 0.0
+        # Products need no more digits than this, and take half the time with them.
+        functions = values.astype(np.float32)
+        by_axis = np.matmul(axes, along_sites * squared).astype(np.float32)  # before the functions: fewer
+        columns = chain.by_coefficient(by_axis, of_chain.astype(np.float32))
+        across += columns.reshape(3 * p, -1) @ functions.T
         for axis, other in combinations_with_replacement(range(3), 2):
-            of_both = (axes[other] @ along[axis][:, rows]).astype(np.float32)
-            for own, value in zip(information, values, strict=True):
-                block = (of_both * value[:, rows]) @ value[:, rows].T
+            of_both = ((axes[axis] * axes[other]) @ squared).astype(np.float32)
+            for own, value in zip(information, np.split(functions, stops[:-1]), strict=True):
+                block = (of_both * value) @ value.T
                 own[axis, :, other] += block
                 if other > axis:  # symmetric, as the product is
                     own[other, :, axis] += block
-    across = np.zeros((p, 3, len(together)))
-    for site, found in zip(chain.sites, of_sites, strict=True):
-        across[site.columns] = found.transpose(1, 0, 2)
+    if len(fit.references) > 1:
+        gradient[:] = 0.0
     # With the covariance by all readings A would not be that of a least squares fit, and could be negative. References
     # of other kinds are left out: the other terms take over rather more.
-    covariance = fit.covariance if times == 1 else np.linalg.inv(_precision(fit, sample, weights, times))
-    couplings = [
-        part.reshape(p, -1) for part in np.split(across, np.cumsum([len(value) for value in values])[:-1], axis=2)
-    ]
-    taken_over = [times * (covariance @ coupling) for coupling in couplings]
-    reduced = [
-        times * (own.reshape(taken.shape[1], -1) - coupling.T @ taken)
-        for own, coupling, taken in zip(information, couplings, taken_over, strict=True)
-    ]
-    return reduced, taken_over
+    sample = slice(n_sample)
+    covariance = (
+        fit.covariance if times == 1 else np.linalg.inv(_precision(fit, state.rows(sample), weights[:, sample], times))
+    )
+    found = []
+    for own, pull, by in zip(
+        information, np.split(right, stops[:-1], axis=1), np.split(across, stops[:-1], axis=1), strict=True
+    ):
+        coupling = by.reshape(p, -1)
+        taken_over = times * (covariance @ coupling)
+        reduced = times * (own.reshape(coupling.shape[1], -1) - coupling.T @ taken_over)
+        found.append((reduced, pull.ravel() + taken_over.T @ gradient))
+    return found
 
 
 def _precision(fit: IdentificationResult, sample: ArmState, weights: FloatArray, times: float) -> FloatArray:
@@ -186,29 +198,6 @@ def _precision(fit: IdentificationResult, sample: ArmState, weights: FloatArray,
         weighted = (columns * weights[:, rows]).reshape(len(columns), -1)
         precision += times * weighted @ weighted.T
     return precision
-
-
-def _gradient(fit: IdentificationResult, state: ArmState, weighted: FloatArray) -> FloatArray:
-    """Of the cost by the coefficients, with residuals (3, m) times the squares of their weights.
-
-    Zero if there are references of other kinds, which would have to be added.
-    """
-    if len(fit.references) > 1:
-        return np.zeros(len(fit.coefficients))
-    return fit.coefficients / fit.prior_std**2 + fit.perturbed_chain.gradient(state, fit.coefficients, weighted)
-
-
-def _right(
-    fit: IdentificationResult, state: ArmState, bases: Sequence[Basis], weighted: FloatArray
-) -> list[FloatArray]:
-    """B of every process, with residuals (3, m) times the squares of their weights."""
-    along_axes = fit.perturbed_chain.chain.fixed[0, :3, :3].T @ weighted
-    right = [np.zeros((3, basis.n_functions)) for basis in bases]
-    for rows in chunks(len(state)):
-        piece = state.rows(rows)
-        for own, basis in zip(right, bases, strict=True):
-            own -= along_axes[:, rows] @ basis.values(piece).T
-    return [own.ravel() for own in right]
 
 
 def _terms(basis: InducedProcess, std: float) -> tuple[Term, ...]:

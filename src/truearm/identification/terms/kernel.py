@@ -150,12 +150,14 @@ def inducing_points(points: FloatArray, most: int) -> list[int]:
     Learn. Res. 2 (2001) 243).
     """
     left, factor, chosen = np.ones(len(points)), np.zeros((min(most, len(points)), len(points))), []
+    squares = (points**2).sum(axis=1)
     for k in range(len(factor)):
         row = int(left.argmax())
         if left[row] < LEAST_PIVOT:
             break
         chosen.append(row)
-        factor[k] = (kernel(points[row : row + 1], points)[0] - factor[:k, row] @ factor[:k]) / math.sqrt(left[row])
+        distance = np.maximum(squares + (squares[row] - 2 * points @ points[row]), 0.0)  # squared
+        factor[k] = (np.exp(-0.5 * distance) - factor[:k, row] @ factor[:k]) / math.sqrt(left[row])
         left = np.maximum(left - factor[k] ** 2, 0.0)
         left[row] = 0.0
     return chosen
