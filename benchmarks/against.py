@@ -90,7 +90,7 @@ def products(readings: int = 0) -> RowResult:
 
     of = {
         "matrices of the normal equations": (problem.SmallMotionProblem, "normal_equations"),
-        "matrices of regions": (problem.SmallMotionProblem, "equations_of"),
+        "matrices of regions": (problem.SmallMotionProblem, "sums_of"),
         "inverses for the evidence": (group_evidence, "_solved"),
         "triangles without a region": (CovarianceRoot, "without"),
         "root times derivatives": (CovarianceRoot, "times"),

@@ -28,7 +28,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrmm, dtrsm
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from truearm.identification.estimation.perturbed_chain import (
     FEW,
@@ -92,9 +92,9 @@ class CovarianceRoot:
         """The root of a covariance (n_coefficients, n_coefficients), which may be singular."""
         site_of, _ = perturbed_chain.of_coefficient
         uncertain = np.flatnonzero(covariance.diagonal() > 0)
-        counts = np.bincount(site_of[uncertain], minlength=len(perturbed_chain.sites))
-        is_wide = counts > MOST_NARROW
-        wide = [uncertain[site_of[uncertain] == site] for site in np.flatnonzero(is_wide)]
+        is_wide = np.bincount(site_of, minlength=len(perturbed_chain.sites)) > MOST_NARROW
+        each = (uncertain[site_of[uncertain] == site] for site in np.flatnonzero(is_wide))
+        wide = [own for own in each if len(own)]
         order = np.concatenate([uncertain[~is_wide[site_of[uncertain]]], *wide])
         stops = len(order) - np.cumsum([0, *map(len, wide[::-1])])[::-1]
         spans = tuple(slice(int(start), int(stop)) for start, stop in pairwise(stops))
@@ -117,21 +117,19 @@ class CovarianceRoot:
 
     @cached_property
     def _information(self) -> FloatArray:
-        """(p, p) the inverse of the covariance, of a triangle."""
-        inverse = dtrtri(self.factor)[0]
-        return np.asarray(inverse @ inverse.T)
+        """(p, p) the upper triangle of the inverse of the covariance, of a triangle."""
+        return np.asarray(dpotri(np.asfortranarray(self.factor.T), lower=1, overwrite_c=1)[0].T)
 
     def without(self, gram: FloatArray) -> WithoutData | None:
-        """The same without data of the normal matrix (n_coefficients, n_coefficients).
+        """The same without data of the normal matrix (p, p) in the same order, whose upper triangle is spoilt.
 
         None where they leave nothing to rounding, and where the covariance itself is singular.
         """
         if not self.is_triangle:
             return None
-        information = gram.take(self.order, 0).take(self.order, 1)
-        np.subtract(self._information, information, out=information)
-        # The transpose of a symmetric matrix is in the order of columns that LAPACK works on without a copy.
-        lower, info = dpotrf(information.T, lower=1, overwrite_a=1)
+        np.subtract(self._information, gram, out=gram)
+        # The transpose is in the order of columns that LAPACK works on without a copy.
+        lower, info = dpotrf(gram.T, lower=1, clean=0, overwrite_a=1)
         return None if info else WithoutData(self, lower)
 
     def times(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
@@ -277,7 +275,7 @@ class WithoutData:
     whole : CovarianceRoot
         With these data.
     lower : (p, p) array
-        Cholesky's triangle of the information without them, in the order of `whole`.
+        Cholesky's triangle of the information without them, in the order of `whole`; what is above it is of no use.
     """
 
     whole: CovarianceRoot
@@ -290,21 +288,21 @@ class WithoutData:
         return dtrsm(1.0, self.lower, flat.T, side=1, lower=1, trans_a=1, overwrite_b=1).T.reshape(own.shape)
 
     def shift(self, gradient: FloatArray, least: float) -> FloatArray:
-        """(n_coefficients,) the change of the coefficients where the data of a gradient are taken back.
+        """(n_coefficients,) the change of the coefficients where the data of a gradient (p,) are taken back.
 
         Of a direction that they determined nearly alone its variance with them is a small share of that without; it
         counts as `least`.
         """
-        found, own, factor = np.zeros(len(gradient)), gradient[self.whole.order], self.whole.factor
+        found, factor = np.zeros(self.whole.perturbed_chain.n_coefficients), self.whole.factor
 
         def ratio_times(directions: FloatArray) -> FloatArray:
             """The covariance without the data, in units of that with them, times some directions (p, k)."""
             moved = dpotrs(self.lower, solve_triangular(factor, directions, check_finite=False), lower=1)[0]
             return np.asarray(solve_triangular(factor, moved, trans="T", check_finite=False))
 
-        share, directions = least_shares(ratio_times, len(own), least)
-        too_far = (1 / share - 1 / np.maximum(share, least)) * (directions.T @ (factor @ own))
-        found[self.whole.order] = dpotrs(self.lower, own, lower=1)[0] - factor.T @ (directions @ too_far)
+        share, directions = least_shares(ratio_times, len(gradient), least)
+        too_far = (1 / share - 1 / np.maximum(share, least)) * (directions.T @ (factor @ gradient))
+        found[self.whole.order] = dpotrs(self.lower, gradient, lower=1)[0] - factor.T @ (directions @ too_far)
         return found
 
 

@@ -151,14 +151,15 @@ class SmallMotionProblem:
         motion_jacobian = moved_chain(self.perturbed_chain.chain, state, motions)[1]
         return self._along_sites(of_readings(linear, rows), motions, motion_jacobian), values
 
-    def equations_of(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> Arrowhead:
-        """Normal equations of some of a reference's readings, without unknowns; `linear` as in `site_derivatives`."""
+    def sums_of(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> GaussNewtonSums:
+        """Sums over some of a reference's readings, without unknowns; `linear` as in `site_derivatives`."""
         sums = GaussNewtonSums(self.perturbed_chain, 0, len(rows))
         for piece in chunks(len(rows), CHUNK):
             along_sites, values = self.site_derivatives(which, rows[piece], linear, x)
             angles = self.state.rows(self.references[which].rows[rows[piece]]).joint_angles
             sums.add(linear.residuals[:, rows[piece]], along_sites, values, angles)
-        return sums.equations()
+        sums.transform()
+        return sums
 
     def log_size_ratio(self, x: FloatArray) -> float:
         """Logarithm of the size of the arm at readings with relative references, over its nominal size."""

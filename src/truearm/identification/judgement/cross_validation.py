@@ -46,7 +46,6 @@ from truearm.identification.references.distances import Distances
 from truearm.identification.references.references import LinearisedResiduals, Reference
 from truearm.identification.references.surfaces import Lines, Planes, Spheres
 from truearm.identification.terms.state import ArmState
-from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
 
@@ -396,13 +395,14 @@ class _Minimum:
         has_unknowns = any(self.parts[i].linear.unknown.size for i, _ in members)
         if has_unknowns or not 0 < self.root.n_rows < n_residuals:
             return None
-        own = Arrowhead.combine(
-            [self.problem.equations_of(i, rows, self.parts[i].linear, self.x) for i, rows in members]
-        )
-        without = self.root.without(own.head)
+        own, *others = (self.problem.sums_of(i, rows, self.parts[i].linear, self.x) for i, rows in members)
+        for other in others:
+            own.merge(other)
+        known = np.isin(own.order, self.root.order)
+        without = self.root.without(own.gram if known.all() else own.gram[np.ix_(known, known)])
         if without is None:
             return None
-        shift = without.shift(own.gradient, LEAST_FREEDOM)
+        shift = without.shift(own.gradient[known], LEAST_FREEDOM)
         found = []
         for i, rows in members:
             part = self.parts[i]
