@@ -69,6 +69,25 @@ def test_site_by_site_is_the_product_with_the_derivatives(which, kind):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * size)
 
 
+@pytest.mark.parametrize("which", ["narrow", "wide", "both", "every kind"])
+def test_in_single_precision_displacements_round_as_what_each_coefficient_moves_alone(which):
+    perturbed_chain = perturbed_chain_of(which)
+    root = CovarianceRoot.of(covariance_of(perturbed_chain.n_coefficients, "regular"), perturbed_chain)
+    x = np.zeros(perturbed_chain.n_coefficients)
+    ((_, _, columns),) = perturbed_chain.derivatives(STATE, x)
+    ((_, _, *factors),) = perturbed_chain.site_derivatives(STATE, x)
+    alone = root.alone(*factors)
+    variance = np.zeros(len(x))
+    variance[root.order] = root.covariance.diagonal()
+    expected = np.einsum("p,pkm->m", variance, columns**2)
+    # Of many harmonics as if the squares of a cosine and a sine of an angle summed to two.
+    assert ((alone >= (1 - 1e-9) * expected) & (alone <= (3 if root.wide else 1 + 1e-9) * expected)).all()
+    found = root.times(*(of.astype(np.float32) for of in factors))
+    assert found.dtype == np.float32
+    off = np.linalg.norm(found - root.times(*factors), axis=(0, 1))
+    assert (off <= 6e-7 * np.sqrt(alone)).all()  # ten of the last of 24 bits
+
+
 def test_the_root_of_a_regular_covariance_is_a_triangle():
     """Sites with many functions pass through a triangle, of which every part has the rows that are not zero."""
     perturbed_chain = perturbed_chain_of("wide")

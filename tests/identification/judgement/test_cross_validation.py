@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from plain_jacobian import plain_jacobian
 from truearm.arm import load_arm
+from truearm.identification.estimation.covariance_root import CovarianceRoot
 from truearm.identification.estimation.identification import identify, initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.judgement import cross_validation
@@ -21,7 +22,9 @@ from truearm.identification.judgement.cross_validation import (
 from truearm.identification.references.orientations import Orientations
 from truearm.identification.references.references import Length, Points, Seats, seats_of
 from truearm.identification.terms import ArmState, constants
+from truearm.identification.terms.basis import Harmonics
 from truearm.identification.terms.catalogue import tool_rotation
+from truearm.identification.terms.term import Term
 from truearm.solve.linear_algebra import covariance_factor
 from truearm.wings.planning.designs.sampling.measuring import seat
 
@@ -306,6 +309,37 @@ def test_stacked_groups_are_the_same_as_one_by_one(n_groups, drawn, monkeypatch)
     for part in ("rows", "group", "deviations", "covariance", "freedom"):
         # [mm, mm^2]: rounding of inverses of which the largest is 1 / LEAST_FREEDOM
         np.testing.assert_allclose(getattr(stacked, part), getattr(plain, part), atol=1e-9)
+
+
+def test_in_single_precision_deviations_are_the_same_to_1e_4_of_their_standard_deviations(drawn, monkeypatch):
+    """Of many harmonics and readings; where rounding might be more, single precision is not used."""
+    (arm, *_), rng, orders = drawn, np.random.default_rng(2), tuple(range(1, 15))
+    angles = arm.working + rng.uniform(-2, 2, (200, 6))
+    points = arm.chain.tip_in_base(angles + 1e-3 * np.sin(3 * angles)) + rng.normal(0, NOISE, (200, 3))
+    waves = [Term("w", joint, (0, 0, 0, 0, 0, 1), Harmonics(joint, orders), "waves", 1e-4, False) for joint in (2, 3)]
+    terms = [*constants(arm.chain, free=("tip",), angle_std=1e-2, length_std=3.0), *waves]
+    state, references = ArmState(arm.chain, angles), [Points(np.arange(200), points)]
+    fit = identify(arm.chain, state, terms, references)
+    singles = []
+    times = CovarianceRoot.times
+
+    def spied(self, along_sites, values):
+        singles.append(along_sites.dtype == np.float32)
+        return times(self, along_sites, values)
+
+    monkeypatch.setattr(CovarianceRoot, "times", spied)
+
+    def found(most_rounded):
+        monkeypatch.setattr(cross_validation, "MOST_ROUNDED", most_rounded)
+        singles.clear()
+        return cross_validate_by_group(fit, state, references, np.arange(200) // 10), any(singles)
+
+    (single, is_single), (double, is_not) = found(cross_validation.MOST_ROUNDED), found(0.0)
+    assert (is_single, is_not) == (True, False)
+    std = np.sqrt(double.covariance.diagonal(axis1=1, axis2=2) + fit.references[0].noise_std ** 2)
+    np.testing.assert_allclose(single.deviations / std, double.deviations / std, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(single.covariance, double.covariance, rtol=0, atol=1e-4 * double.covariance.max())
+    assert (single.deviations != double.deviations).any()
 
 
 @pytest.mark.parametrize("chunk", [5, 1024])

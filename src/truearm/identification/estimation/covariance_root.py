@@ -133,7 +133,9 @@ class CovarianceRoot:
         return None if info else WithoutData(self, lower)
 
     def times(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
-        """``F J^T``: displacements by each cause.
+        """``F J^T``: displacements by each cause, in the precision of what is given.
+
+        In single precision it has the rounding of displacements as large as `alone` says.
 
         Parameters
         ----------
@@ -146,12 +148,12 @@ class CovarianceRoot:
         -------
         (n_rows, k, m) array
         """
-        _, k, m = along_sites.shape
-        (narrow, *wide), (of_few, *of_many) = self._parts, self._columns
+        (_, k, m), is_double = along_sites.shape, along_sites.dtype == float
+        (narrow, *wide), (of_few, *of_many) = self._parts, self._columns if is_double else self._single_columns
         columns = along_sites[narrow.sites]
         columns *= values[narrow.functions, None]
         flat = columns.reshape(len(columns), k * m)
-        if m > FEW and self.is_triangle:  # in place, with half the multiplications: both count by columns
+        if m > FEW and self.is_triangle and is_double:  # in place, with half the multiplications: both count by columns
             found = dtrmm(1.0, of_few.T, flat.T, side=1, lower=1, overwrite_b=1).T
         else:
             found = of_few.dot(flat)
@@ -159,7 +161,8 @@ class CovarianceRoot:
         if not wide:
             return found
         along = np.ascontiguousarray(along_sites[[part.sites[0] for part in wide]].transpose(2, 1, 0))
-        out, of_sites = np.empty((m, k, self.n_rows)), np.zeros((min(m, PIECE), len(wide), self.n_rows))
+        out = np.empty((m, k, self.n_rows), along.dtype)
+        of_sites = np.zeros((min(m, PIECE), len(wide), self.n_rows), along.dtype)
         for rows in chunks(m, PIECE):
             some = of_sites[: len(along[rows])]
             for n, (part, own) in enumerate(zip(wide, of_many, strict=True)):
@@ -167,6 +170,18 @@ class CovarianceRoot:
             np.matmul(along[rows], some, out=out[rows])
         out[:, :, : len(found)] += found.transpose(2, 1, 0)
         return out.transpose(2, 1, 0)
+
+    def alone(self, along_sites: FloatArray, values: FloatArray) -> FloatArray:
+        """(m,) variance of the displacements by each coefficient alone, summed, or of harmonics up to twice that.
+
+        Parameters are those of `times`.
+        """
+        (narrow, *wide), variance = self._parts, self.covariance.diagonal()
+        squares = np.einsum("skm,skm->sm", along_sites, along_sites)
+        found = variance[narrow.span] @ (squares[narrow.sites] * values[narrow.functions] ** 2)
+        for part in wide:
+            found += variance[part.span].sum() * squares[part.sites[0]]
+        return np.asarray(found)
 
     def covariances(self, along_sites: FloatArray, values: FloatArray, angles: FloatArray) -> FloatArray:
         """``J Sigma J^T`` of every reading: displacements of k coordinates, or of residuals.
@@ -203,10 +218,7 @@ class CovarianceRoot:
                 common += shared * along_sites[self._parts[o].sites[0]]
             half += common[:, None] * along_sites[part.sites[0]]
         found = (half + half.transpose(1, 0, 2)).transpose(2, 0, 1)
-        alone = self._blocks[0, 0].diagonal() @ np.einsum("pkm,pkm->pm", columns, columns)
-        for n, part in enumerate(wide, 1):
-            alone += self._blocks[n, n].trace() * (along_sites[part.sites[0]] ** 2).sum(axis=0)
-        if (np.trace(found, axis1=1, axis2=2) < LEAST_SHARE * alone).any():
+        if (np.trace(found, axis1=1, axis2=2) < LEAST_SHARE * self.alone(along_sites, values)).any():
             return self._squared(along_sites, values)
         return np.ascontiguousarray(found)
 
@@ -250,6 +262,10 @@ class CovarianceRoot:
         """Columns of F of each part, down to the diagonal of a triangle."""
         spans = [part.span for part in self._parts]
         return [np.ascontiguousarray(self.factor[: span.stop if self.is_triangle else None, span]) for span in spans]
+
+    @cached_property
+    def _single_columns(self) -> list[FloatArray]:
+        return [columns.astype(np.float32) for columns in self._columns]
 
     @cached_property
     def _parts(self) -> list[_Part]:

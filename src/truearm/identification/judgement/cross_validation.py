@@ -64,6 +64,10 @@ IN_SPACE, IN_LENGTH = ("point", "seat", "pose"), ("distance",)
 COMPARED = (IN_SPACE, IN_LENGTH, ("sphere", "plane"), ("line",), ("orientation",))
 # Readings that locate an anchor, a surface or a line.
 LEAST_TOUCHES: dict[str, int] = {touched.kind: touched.least for touched in (Distances, Spheres, Planes, Lines)}
+# Rounding of displacements in single precision, over the root of their variance by each coefficient alone: ten of the
+# last of 24 bits. It is in no direction of the p causes, and S has this over the root of p (measured a quarter of it, of
+# 1,400 coefficients). And what it may make of a deviation, in standard ones.
+SINGLE_ROUNDING, MOST_ROUNDED = 6e-7, 1e-3
 # Derivatives in memory at once, some ten megabytes, and the most readings of them.
 MOST_DERIVATIVES = 1_200_000
 MOST_READINGS = perturbed_chain.CHUNK
@@ -331,9 +335,14 @@ class _Minimum:
         root = fit.covariance_root
         return cls(problem, x, root, slope, root.times_matrix(slope.T), found)
 
+    @property
+    def is_long(self) -> bool:
+        """Whether there are so many residuals that the root of S of all is not kept."""
+        return sum(part.residuals.size for part in self.parts) > MOST_SPREAD * self.root.n_rows
+
     def spread_once(self) -> _Minimum:
         """The same with the root of S of all readings, where these are few: for groups that overlap."""
-        if sum(part.residuals.size for part in self.parts) > MOST_SPREAD * self.root.n_rows:
+        if self.is_long:
             return self
         return replace(
             self, spreads={i: self._spread(i, np.arange(len(p.residuals))) for i, p in enumerate(self.parts)}
@@ -440,22 +449,32 @@ class _Minimum:
         With S = A A^T, ``(I - S)^-1 = I + A (I - A^T A)^-1 A^T``: of the two matrices the smaller is inverted.
         """
         stacks: list[tuple[int, IntArray, IntArray, IntArray]] = []
-        n_places = 0
+        derivatives: list[tuple[FloatArray, FloatArray]] = []
+        n_places, size = 0, 0.0
         for i in np.unique(batch.which).tolist():
             k, (rows, groups, place) = self.parts[i].weights.shape[1], batch.of(i)
             stacks.append((i, rows, groups[:, None], n_places + k * place[:, None] + np.arange(k)))
+            derivatives.append(self.problem.site_derivatives(i, rows, self.parts[i].linear, self.x))
+            size = max(size, float(self.root.alone(*derivatives[-1]).max()))
             n_places += k * batch.largest(i)
-        A, r = np.zeros((batch.n_groups, n_places, self.root.n_rows)), np.zeros((batch.n_groups, n_places))
-        for i, rows, groups, at in stacks:  # readings that a group lacks are zero
-            A[groups, at] = self._spread(i, rows).reshape(*at.shape, -1)
+        rounding = SINGLE_ROUNDING * np.sqrt(size / max(self.root.n_rows, 1))
+        # It pays where products take the time; of few groups rounding will be too much.
+        single = self.is_long and bool(self.root.wide) and rounding * n_places <= MOST_ROUNDED
+        shape = batch.n_groups, n_places
+        A, r = np.zeros((*shape, self.root.n_rows), np.float32 if single else float), np.zeros(shape)
+        for (i, rows, groups, at), factors in zip(stacks, derivatives, strict=True):  # what a group lacks is zero
+            A[groups, at] = self.root.times(*(of.astype(A.dtype, copy=False) for of in factors)).transpose(2, 1, 0)
             r[groups, at] = self.parts[i].residuals[rows]
         At, is_dual = A.transpose(0, 2, 1), A.shape[1] <= A.shape[2]
-        S = A @ At if is_dual else At @ A
+        S = (A @ At if is_dual else At @ A).astype(float, copy=False)
         inverse = np.linalg.inv(np.eye(S.shape[1]) - S)
-        # Its largest eigenvalue is below this norm; else some direction needs a bound.
-        is_free = np.linalg.norm(inverse, axis=(1, 2)) <= 1 / LEAST_FREEDOM
         along = np.matmul(inverse, r[:, :, None] if is_dual else At @ r[:, :, None])
         white = along[:, :, 0] if is_dual else r + (A @ along)[:, :, 0]
+        # Its largest eigenvalue is below this norm; else some direction needs a bound.
+        norm = np.linalg.norm(inverse, axis=(1, 2))
+        is_free = norm <= 1 / LEAST_FREEDOM
+        if single:
+            is_free &= rounding * norm * np.linalg.norm(white, axis=1) <= MOST_ROUNDED
         left, right = (S, inverse) if is_dual else (A @ inverse, A)
         for i, rows, groups, at in stacks:
             free = is_free[groups[:, 0]]
