@@ -65,7 +65,7 @@ COMPARED = (IN_SPACE, IN_LENGTH, ("sphere", "plane"), ("line",), ("orientation",
 # Readings that locate an anchor, a surface or a line.
 LEAST_TOUCHES: dict[str, int] = {touched.kind: touched.least for touched in (Distances, Spheres, Planes, Lines)}
 # Rounding of displacements in single precision, over the root of their variance by each coefficient alone: ten of the
-# last of 24 bits. It is in no direction of the p causes, and S has this over the root of p (measured a quarter of it, of
+# last of 24 bits. It is in no direction of the p causes, and S has this over the root of p (measured a quarter, of
 # 1,400 coefficients). And what it may make of a deviation, in standard ones.
 SINGLE_ROUNDING, MOST_ROUNDED = 6e-7, 1e-3
 # Derivatives in memory at once, some ten megabytes, and the most readings of them.
