@@ -412,22 +412,20 @@ class _Sums:
             block[own, :] = 0.0
             for o in range(n_k):
                 block[own, :][o::n_k, o::n_k] = sums[values.start : values.stop, :]
-        elif low == high:
-            pairs_of_values = _placed_index(_symmetric_index(n_i), sums)
-            pairs_of_derivatives = xp.reshape(_placed_index(_symmetric_index(n_k), sums), (-1,))
-            outer = (W @ W.T)[:, None, :] if low == last - 1 else None
-            for i in values:
-                row = _taken(_taken(sums, pairs_of_values[i, :], 0), pairs_of_derivatives, 1)
-                here = _split(block[i * n_k : (i + 1) * n_k, :], (n_k, n_j, n_r))
-                _put(here, xp.permute_dims(xp.reshape(row, (n_j, n_k, n_r)), (1, 0, 2)), outer)
         else:
-            for i in values:
-                row = sums[i * n_j : (i + 1) * n_j, :]
-                here = _split(block[i * n_k : (i + 1) * n_k, :], (n_k, n_j, n_r))
-                if (low, high) == (last - 1, last):
-                    _put(here, row.T[:, :, None], W[:, None, :])
-                else:
-                    _put(here, xp.permute_dims(xp.reshape(row, (n_j, n_r, n_k)), (2, 0, 1)), None)
+            here = xp.reshape(block[own, :], (len(values), n_k, n_j, n_r), copy=False)
+            if low == high:
+                pairs_of_values = _placed_index(_symmetric_index(n_i)[values.start : values.stop].ravel(), sums)
+                pairs_of_derivatives = _placed_index(_symmetric_index(n_k).ravel(), sums)
+                found = _taken(_taken(sums, pairs_of_values, 0), pairs_of_derivatives, 1)
+                found = xp.permute_dims(xp.reshape(found, (len(values), n_j, n_k, n_r)), (0, 2, 1, 3))
+                _put(here, found, (W @ W.T)[:, None, :] if low == last - 1 else None)
+            elif (low, high) == (last - 1, last):
+                found = xp.reshape(sums[values.start * n_j : values.stop * n_j, :], (len(values), n_j, n_k))
+                _put(here, xp.permute_dims(found, (0, 2, 1))[..., None], W[:, None, :])
+            else:
+                found = xp.reshape(sums[values.start * n_j : values.stop * n_j, :], (len(values), n_j, n_r, n_k))
+                _put(here, xp.permute_dims(found, (0, 3, 1, 2)), None)
         if mirrored is not None:
             mirrored[:, own] = block[own, :].T
 
@@ -441,11 +439,6 @@ class _Part(NamedTuple):
     block: Array
     mirrored: Array | None
     values: range
-
-
-def _split(block: Array, shape: tuple[int, int, int]) -> Array:
-    """A block (k, j r) seen as (k, j, r), in its own memory."""
-    return array_namespace(block).reshape(block, shape, copy=False)
 
 
 def _put(block: Array, values: Array, factors: Array | None) -> None:
@@ -476,6 +469,7 @@ def _rows(pairs: Array) -> Array:
     return array_namespace(pairs).reshape(pairs, (-1, pairs.shape[2]))
 
 
+@cache
 def _symmetric_index(k: int) -> IntArray:
     """(k, k) where a pair, in either order, stands in the upper triangle laid out row by row."""
     index = np.zeros((k, k), dtype=np.intp)
