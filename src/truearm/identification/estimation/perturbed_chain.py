@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -126,7 +126,7 @@ class PerturbedChain:
         sites = []
         for (place, direction, joint), members in grouped.items():
             columns = np.concatenate([columns for _, columns in members])
-            rows = as_slice(np.concatenate([self._functions[place, basis] for basis, _ in members]))
+            rows = _joined([self._functions[place, basis] for basis, _ in members])
             orders = [order for basis, _ in members for order in getattr(basis, "orders", ())]
             own_series = HarmonicSeries(joint, np.array(orders, dtype=np.intp)) if joint else None
             sites.append(Site(place, np.array(direction), columns, rows, own_series))
@@ -170,7 +170,7 @@ class PerturbedChain:
                 joint, weights = slope
                 own = self._of_place[place]
                 whole = slopes.setdefault((place, joint - 1), np.zeros((own.stop - own.start, 6)))
-                whole[rows - own.start] = weights
+                whole[rows.start - own.start : rows.stop - own.start] = weights
         return [(place, joint, w.T @ values[self._of_place[place]]) for (place, joint), w in slopes.items()]
 
     def poses(self, state: ArmState, x: FloatArray) -> Pose:
@@ -331,11 +331,11 @@ class PerturbedChain:
         return sums.reshape(-1, 6)
 
     @cached_property
-    def _functions(self) -> dict[tuple[int, Basis], IntArray]:
+    def _functions(self) -> dict[tuple[int, Basis], slice]:
         """Rows of each basis at each place among the values; those of one place are adjacent."""
         distinct = sorted(dict.fromkeys((term.place, term.basis) for term in self.terms), key=lambda both: both[0])
-        starts = np.cumsum([0, *(basis.n_functions for _, basis in distinct)])
-        return {both: np.arange(first, stop) for both, (first, stop) in zip(distinct, pairwise(starts), strict=True)}
+        starts = accumulate((basis.n_functions for _, basis in distinct), initial=0)
+        return {both: slice(first, stop) for both, (first, stop) in zip(distinct, pairwise(starts), strict=True)}
 
     @cached_property
     def _evaluators(self) -> tuple[list[Callable[[ArmState], FloatArray]], IntArray]:
@@ -389,21 +389,21 @@ class PerturbedChain:
         return tuple(basis for basis in bases if basis.has_stated_inputs)
 
     @cached_property
-    def _evaluated(self) -> list[tuple[Basis, list[tuple[IntArray | slice, IntArray | slice]]]]:
+    def _evaluated(self) -> list[tuple[Basis, list[tuple[slice, IntArray | slice]]]]:
         """Each distinct basis, with rows among the values and the functions there; harmonics of a joint are one."""
         orders: dict[int, set[int]] = {}
         for _, basis in self._functions:
             if isinstance(basis, Harmonics):
                 orders.setdefault(basis.joint, set()).update(basis.orders)
         tables = {joint: Harmonics(joint, tuple(sorted(of_joint))) for joint, of_joint in orders.items()}
-        found: dict[Basis, list[tuple[IntArray | slice, IntArray | slice]]] = {}
+        found: dict[Basis, list[tuple[slice, IntArray | slice]]] = {}
         for (_, basis), rows in self._functions.items():
-            table, places = basis, np.arange(basis.n_functions)
+            table, functions = basis, [slice(0, basis.n_functions)]
             if isinstance(basis, Harmonics):
                 table = tables[basis.joint]
-                first = 2 * np.searchsorted(tables[basis.joint].orders, basis.orders)
-                places = np.stack([first, first + 1], axis=1).ravel()
-            found.setdefault(table, []).append((as_slice(rows), as_slice(places)))
+                places = np.searchsorted(table.orders, basis.orders).tolist()
+                functions = [slice(2 * one, 2 * one + 2) for one in places]
+            found.setdefault(table, []).append((rows, _joined(functions)))
         return list(found.items())
 
     @cached_property
@@ -411,21 +411,23 @@ class PerturbedChain:
         """Rows of each place among the values."""
         counts = np.zeros(self.chain.n_places, dtype=int)
         for (place, _), rows in self._functions.items():
-            counts[place] += len(rows)
+            counts[place] += rows.stop - rows.start
         return [slice(int(first), int(stop)) for first, stop in pairwise(np.cumsum([0, *counts]))]
 
     @cached_property
     def _entries(self) -> tuple[IntArray, IntArray, FloatArray]:
         """Coefficient, entry of the matrix (n_functions, 6) that it adds to, and component of the direction."""
         found = [
-            (column, 6 * row + axis, component)
+            (columns[0], self._functions[term.place, term.basis].start, axis, component, len(columns))
             for term, columns in zip(self.terms, self.columns, strict=True)
-            for column, row in zip(columns, self._functions[term.place, term.basis], strict=True)
             for axis, component in enumerate(term.direction)
             if component
         ]
-        coefficient, entry, component = np.array(found, dtype=float).reshape(-1, 3).T
-        return coefficient.astype(np.intp), entry.astype(np.intp), component
+        of_axis = np.array(found, dtype=float).reshape(-1, 5)
+        n = of_axis[:, 4].astype(np.intp)
+        coefficient, row, axis, component, _ = of_axis.repeat(n, axis=0).T
+        within = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
+        return (coefficient + within).astype(np.intp), (6 * (row + within) + axis).astype(np.intp), component
 
 
 def _dense_series(bases: list[Harmonics]) -> list[Harmonics]:
@@ -452,6 +454,13 @@ def moved_chain(chain: Chain, state: ArmState, motions: FloatArray | None = None
 def chunks(n: int, size: int = CHUNK) -> list[slice]:
     """Slices of readings that are evaluated together."""
     return [slice(start, min(start + size, n)) for start in range(0, n, size)]
+
+
+def _joined(rows: list[slice]) -> IntArray | slice:
+    """Rows one below the other; adjacent ones are a slice, whose values are not copied."""
+    if all(one.stop == other.start for one, other in pairwise(rows)):
+        return slice(rows[0].start, rows[-1].stop)
+    return np.concatenate([np.arange(one.start, one.stop) for one in rows])
 
 
 def as_slice(rows: IntArray) -> IntArray | slice:

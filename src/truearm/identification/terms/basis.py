@@ -321,9 +321,9 @@ class Harmonics(Basis):
     def together(cls, bases: Sequence[Self]) -> Callable[[ArmState], FloatArray]:
         """One cosine and sine of every joint and order; for many readings the addition theorems are faster."""
         pairs = [(basis.joint - 1, order) for basis in bases for order in basis.orders]
-        distinct = list(dict.fromkeys(pairs))
-        rows = np.array([distinct.index(pair) for pair in pairs], dtype=np.intp)
-        joints, orders = np.array(distinct, dtype=np.intp).T
+        row_of = {pair: row for row, pair in enumerate(dict.fromkeys(pairs))}
+        rows = np.array([row_of[pair] for pair in pairs], dtype=np.intp)
+        joints, orders = np.array(list(row_of), dtype=np.intp).T
         last, multiples = int(joints.max()) + 1, orders[:, None].astype(float)
 
         def values(state: ArmState) -> FloatArray:
