@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from truearm.arm.chain import Chain
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -90,11 +90,12 @@ def repeating_residuals(
     pieces = [columns for _, _, columns in fit.perturbed_chain.derivatives(at, fit.coefficients)]
     J = np.concatenate(pieces, axis=2).transpose(2, 1, 0).reshape(n, -1)
     y = (points[rows] - fit.tips(at)).ravel() + J @ fit.coefficients
-    known = (J * fit.prior_std**2) @ J.T + np.diag(np.repeat(point_variance[rows], 3))
+    by_prior = J * fit.prior_std
     std = np.sqrt(np.repeat(variance[rows], 3))
+    of_none = by_prior @ by_prior.T + np.diag(np.repeat(point_variance[rows], 3) + std**2)
     joints = JointProcess(fit.chain)
-    process = std[:, None] * joints.covariance(at.angles).reshape(n, n) * std
-    covariances = [known + s * process + (1 - s) * np.diag(std**2) for s in _SHARES]
+    change = std[:, None] * joints.covariance(at.angles).reshape(n, n) * std - np.diag(std**2)
+    covariances = [of_none + share * change for share in _SHARES]
     evidence = np.array([_log_likelihood(y, one) for one in covariances])
     if not np.isfinite(evidence).any():
         return unknown
@@ -114,7 +115,7 @@ def _hysteresis(y: FloatArray, D: FloatArray, covariance: FloatArray, variance: 
     Of one prior variance for all, by every share of the residual variance (mm^2), with its weight; the rest of it
     remains. `freedom` is the number of degrees of freedom of the residuals.
     """
-    factor = np.linalg.cholesky(covariance)
+    factor = cholesky(covariance, lower=True, check_finite=False)
     white = solve_triangular(factor, np.column_stack([D, y]), lower=True, check_finite=False)
     values, vectors = np.linalg.eigh(white[:, :-1].T @ white[:, :-1])
     along = vectors.T @ (white[:, :-1].T @ white[:, -1])
@@ -167,10 +168,10 @@ class JointProcess:
         """(n, 3, n, 3) covariance of the process at poses (n, n_joints), of a mean variance of 1 in every pose."""
         turned = angles / self.radians
         alike = np.exp(-(ORDER**2) * (1 - np.cos(turned[:, None] - turned)))
-        moved = self.unit_displacements(angles)
-        by_joints, even = moved[:, : self.chain.n_joints], moved[:, self.chain.n_joints :]
-        of_joints = np.einsum("aji,abj,bjk->aibk", by_joints, alike, by_joints)
-        return np.asarray(of_joints + np.einsum("aji,ab,bjk->aibk", even, alike.mean(axis=2), even))
+        alike = np.concatenate([alike, np.repeat(alike.mean(axis=2, keepdims=True), 3, axis=2)], axis=2)
+        moved, n = self.unit_displacements(angles), len(angles)
+        there = alike.transpose(0, 2, 1)[..., None] * moved.transpose(1, 0, 2)
+        return np.asarray(moved.transpose(0, 2, 1) @ there.reshape(n, -1, 3 * n)).reshape(n, 3, n, 3)
 
     def unit_displacements(self, angles: FloatArray) -> FloatArray:
         """(n, n_joints + 3, 3) displacement of the tip by each function of the process at poses (n, n_joints) [mm].
@@ -194,8 +195,8 @@ class JointProcess:
 def _log_likelihood(y: FloatArray, covariance: FloatArray) -> float:
     """Of y (n,), up to a constant; minus infinity where rounding leaves no covariance."""
     try:
-        factor = np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError:
+        factor = cholesky(covariance, lower=True, check_finite=False)
+    except LinAlgError:
         return -np.inf
     white = solve_triangular(factor, y, lower=True, check_finite=False)
     return float(-np.log(factor.diagonal()).sum() - white @ white / 2)
