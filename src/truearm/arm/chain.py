@@ -44,6 +44,7 @@ from truearm.typing import BoolArray, FloatArray
 # (about 60 components) inside a 2 MiB cache.
 CHUNK = 4096
 FEW = 64  # poses up to which the number of array operations counts, not their length
+IN_ONE_ROW = 512  # poses up to which the rotations of all places are computed at once: they stay in the cache
 # A hundred kilometres: longer lengths have a wrong unit, or were made to overflow.
 MAX_LENGTH_MM = 1e8
 
@@ -592,14 +593,14 @@ class Chain:
 
 def _turned_by(motions: FloatArray) -> FloatArray:
     """Rotations (n_places, 3, 3, m) of motions (n_places, 6, m)."""
-    if motions.shape[2] <= FEW:
+    if motions.shape[2] <= IN_ONE_ROW:
         return _by_place(rotations(_in_one_row(motions)), motions)
     return np.stack([rotations(motion[:3]) for motion in motions])
 
 
 def _turned_by_with_jacobians(motions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations of motions (n_places, 6, m) and their left Jacobians, (n_places, 3, 3, m) each."""
-    if motions.shape[2] <= FEW:
+    if motions.shape[2] <= IN_ONE_ROW:
         R, J = rotations_and_jacobians(_in_one_row(motions))
         return _by_place(R, motions), _by_place(J, motions)
     both = [rotations_and_jacobians(motion[:3]) for motion in motions]

@@ -58,7 +58,7 @@ class Basis:
     @cached_property
     def n_functions(self) -> int:
         """Number of functions."""
-        return len(self.labels())
+        return len(self.expressions() or self.labels())
 
     def labels(self) -> tuple[str, ...]:
         """Return the name of every function; by default its expression in words."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -101,9 +102,13 @@ def constants(
     unknown = set(free) - {"base", "tip"}
     if unknown:
         raise InputError(f"expected free parts among ['base', 'tip'], got {sorted(unknown)}")
-    size = relative_size(chain)
-    length_std = LENGTH_STD * size if length_std is None else length_std
-    terms = []
+    length_std = LENGTH_STD * relative_size(chain) if length_std is None else length_std
+    return list(_constants(chain, tuple(free), angle_std, length_std))
+
+
+@lru_cache(maxsize=16)  # every step of an identification asks for those of its arm
+def _constants(chain: Chain, free: tuple[str, ...], angle_std: float, length_std: float) -> tuple[Term, ...]:
+    size, terms = relative_size(chain), []
     for place in range(chain.n_places):
         part = place_name(chain, place)
         for component in range(3 if part == "tip" else 0, 6):  # a rotation about the tip does not move it
@@ -125,7 +130,7 @@ def constants(
             if std != 0:
                 learn = group in ("joint offsets", "axis directions", LENGTHS)
                 terms.append(Term(name, place, direction, Constant(), group, std, learn=learn))
-    return terms
+    return tuple(terms)
 
 
 def _along_last_axis(chain: Chain, component: int) -> tuple[str, tuple[float, ...], bool]:

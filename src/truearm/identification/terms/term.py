@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
@@ -98,7 +99,7 @@ class Term:
             )
         object.__setattr__(self, "prior_std", prior_std[0] if one else prior_std)
 
-    @property
+    @cached_property
     def n_coefficients(self) -> int:
         """Number of coefficients: one for each function of the basis."""
         return self.basis.n_functions
