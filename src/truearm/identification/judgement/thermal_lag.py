@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.perturbed_chain import chunks, moved_chain
 from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.links import link_temperatures
 from truearm.identification.terms.state import ArmState
@@ -197,23 +198,20 @@ def _products(
     """
     points, arm, x = fit.references[0], fit.perturbed_chain, fit.coefficients
     links, m = len(grows), len(points.rows)
-    rows_of_all, weights_of_all = state.rows(points.rows), points.weights
-    one_kelvin = replace(rows_of_all, temperature_degC=np.full(m, REFERENCE_DEGC + 1))
-    both = np.zeros((0, 3, m))
-    if courses.shape[1]:
-        of_base, of_tip = (arm.motion_derivatives(rows_of_all, x, place) for place in (0, fit.chain.n_joints + 1))
-        of_base[:, :3] /= fit.chain.reach or 1.0
-        both = np.concatenate([of_base, of_tip[:, 3:]], axis=1).transpose(1, 2, 0)
-    growths, drifts = np.arange(links), links + np.arange(len(both))
+    one_kelvin = replace(state.rows(points.rows), temperature_degC=np.full(m, REFERENCE_DEGC + 1))
+    growths, drifts = np.arange(links), links + np.arange(N_DRIFTS)
     motion = np.concatenate([np.tile(growths, kelvin.shape[1]), np.tile(drifts, courses.shape[1])])
-    over_time = np.concatenate([kelvin.T.repeat(links, axis=0), courses.T.repeat(len(both), axis=0)])[:, points.rows]
+    over_time = np.concatenate([kelvin.T.repeat(links, axis=0), courses.T.repeat(N_DRIFTS, axis=0)])[:, points.rows]
     site_of, row_of = arm.of_coefficient
     across, among, right = np.zeros((len(x), len(motion))), np.zeros((len(motion),) * 2), np.zeros(len(motion))
-    for rows, _, along_sites, values in arm.site_derivatives(one_kelvin, x):
-        weights, in_time = weights_of_all[:, rows], over_time[:, rows]
-        weighed = along_sites * weights
+    for rows in chunks(m):
+        weights, in_time, piece = points.weights[:, rows], over_time[:, rows], one_kelvin.rows(rows)
+        values = arm.values(piece)
+        by_motion = moved_chain(arm.chain, piece, arm.motions(x, values))[1]
+        weighed = arm.along_sites(by_motion) * weights
         grown = weighed[site_of[grows]] * values[row_of[grows]][:, None]
-        motions = np.concatenate([grown, both[:, :, rows] * weights])
+        of_base = [by_motion[0, :3] / (fit.chain.reach or 1.0), by_motion[0, 3:]]
+        motions = np.concatenate([grown, *(each * weights for each in (*of_base, by_motion[-1, 3:]))])
         design = (motions[motion] * in_time[:, None]).reshape(len(motion), -1)
         among += design @ design.T
         right += design @ (weights * points.residuals[:, rows]).ravel()
