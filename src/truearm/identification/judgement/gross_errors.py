@@ -36,7 +36,7 @@ LEAST_FREEDOM, MOST_FREEDOM = 3.0, 1e3
 # Degrees of freedom and share to start from: a far reading may be a gross error or show a tail, and both be maxima.
 STARTS = ((30.0, 0.02), (30.0, 0.2), (5.0, LEAST_SHARE))
 # Of more readings so many, evenly spaced, show which maximum is the largest, and it is near.
-MOST_STARTED = 20_000
+MOST_STARTED = 4000
 # Gross errors begin at this many standard deviations, and have any size up to this many decades above.
 LEAST_GROSS_STDS, DECADES = 4.0, 4.0
 # Measure of the unit sphere in k dimensions: two ends, a circle, or a surface.
