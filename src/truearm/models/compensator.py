@@ -374,11 +374,9 @@ class Compensator(Regressor, ABC):
         middle between the two directions of movement.
         """
         at = self.checked(readings)
-        points = points_to_session_frames(self._tips(at.state), at.session.session, self.session_frames_)
-        if not return_cov:
-            return points
-        of_parameters, unexplained = self.covariance_parts(at)
-        return points, of_parameters + unexplained
+        tips, parts = self._tips_and_covariance_parts(at) if return_cov else (self._tips(at.state), None)
+        points = points_to_session_frames(tips, at.session.session, self.session_frames_)
+        return points if parts is None else (points, np.add(*self._completed(at, *parts)))
 
     @one_blas_thread()
     def covariance_parts(self, readings: ReadingsLike) -> tuple[FloatArray, FloatArray]:
@@ -395,8 +393,14 @@ class Compensator(Regressor, ABC):
             From what the model does not explain [mm^2]: noise, effects without a term, inputs that are not stated.
         """
         at = self.checked(readings)
-        of_parameters, unexplained = self._covariance_parts(at)
-        of_parameters = of_parameters + self.expansion_covariance(at)
+        return self._completed(at, *self._covariance_parts(at))
+
+    def _completed(
+        self, at: CheckedReadings, of_parameters: FloatArray, unexplained: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The parts of `_covariance_parts` with the expansion outside the trained temperatures, in session frames."""
+        if self._expansion_displacements(at.session).size:
+            of_parameters = of_parameters + self.expansion_covariance(at)
         frames = self.session_frames_
         return covariances_to_session_frames(of_parameters, at.session.session, frames), covariances_to_session_frames(
             unexplained, at.session.session, frames
@@ -614,6 +618,10 @@ class Compensator(Regressor, ABC):
     @abstractmethod
     def _covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, FloatArray]:
         """See `covariance_parts`, without the expansion outside the trained temperatures."""
+
+    def _tips_and_covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+        """`_tips` and `_covariance_parts`, which may depend on the same functions of the state."""
+        return self._tips(at.state), self._covariance_parts(at)
 
     def _shared_displacements(self, at: CheckedReadings) -> FloatArray:
         """See `shared_displacements`, in the frame of the first session and without the expansion."""

@@ -268,11 +268,14 @@ class IdentifiedModel(Compensator):
         return self.fit_.tips(state)
 
     def _covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, FloatArray]:
+        return self._tips_and_covariance_parts(at)[1]
+
+    def _tips_and_covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
         share = self.variance_function_.share(at.session.angles) * self.share_of_mean(at.session)
         unexplained = self.residual_std_**2 * share
-        return self.fit_.tip_covariance(at.state), sum(
-            self._unstated_covariances(at).values(), unexplained[:, None, None] * np.eye(3)
-        )
+        tips, of_parameters = self.fit_.tips_and_covariance(at.state)
+        unstated = self._unstated_covariances(at).values()
+        return tips, (of_parameters, sum(unstated, unexplained[:, None, None] * np.eye(3)))
 
     def _shared_displacements(self, at: CheckedReadings) -> FloatArray:
         return self.fit_.tip_displacements(at.state)

@@ -231,8 +231,10 @@ class CovarianceRoot:
         out = np.empty((m, k, k))
         for rows in chunks(m, PIECE):
             spread = self.times(along_sites[..., rows], values[:, rows])
-            for i, j in combinations_with_replacement(range(k), 2):
-                out[rows, i, j] = out[rows, j, i] = np.einsum("pn,pn->n", spread[:, i], spread[:, j])
+            for apart in range(k):  # the pairs of coordinates that are so far apart, in one pass
+                products = np.einsum("pkn,pkn->kn", spread[:, : k - apart], spread[:, apart:])
+                for i, found in enumerate(products):
+                    out[rows, i, i + apart] = out[rows, i + apart, i] = found
         return out
 
     def _shared(self, o: int, n: int, values: FloatArray, angles: FloatArray) -> FloatArray:

@@ -28,15 +28,16 @@ from scipy.linalg import qr, solve_triangular
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import exponential_derivative, rotations
 from truearm.identification.estimation.covariance_root import CovarianceRoot
-from truearm.identification.estimation.perturbed_chain import PerturbedChain, SiteDerivatives, chunks, moved_chain
+from truearm.identification.estimation.perturbed_chain import FEW, PerturbedChain, SiteDerivatives, chunks, moved_chain
 from truearm.identification.references.references import Reference
 from truearm.identification.terms.basis import Constant, Harmonics
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Poses at which columns are compared, beside one for two of them: each has three coordinates.
-FEWEST_POSES = 20
+# Poses at which columns are compared, beside one for three of them, as each has three coordinates: derivatives at few
+# poses have more rounding.
+FEWEST_POSES = FEW + 1
 # Angles of sliding joints there, to both sides [mm].
 TRAVEL_MM = 500.0
 # Columns of length one that are farther from the others than this are independent: rounding is 1e-15 of them, and the
@@ -89,48 +90,51 @@ class ComposedArm:
         Coefficients of functions of nothing but the joint angles are compared. Those that are omitted have a variance
         of zero; terms of omitted coefficients alone are omitted too.
         """
-        compared, derivatives = self._derivatives_at_poses()
-        uncertain = covariance.diagonal()[compared] > 0
-        compared, derivatives = compared[uncertain], derivatives[uncertain]
+        compared, derivatives = self._derivatives_at_poses(covariance.diagonal() > 0)
         size = np.maximum(np.linalg.norm(derivatives, axis=1), LEAST_MM)
         # Constants and harmonics are the quickest to evaluate: others are omitted first, as if they were short.
         size[~self.perturbed_chain.of_basis(Constant, Harmonics)[compared]] *= LATER
         R, order = qr((derivatives / size[:, None]).T, mode="r", pivoting=True, check_finite=False)
         n = int(np.count_nonzero(np.abs(R.diagonal()) > INDEPENDENT))
-        shares = solve_triangular(R[:n, :n], R[:n, n:], check_finite=False)
-        kept, left = compared[order[:n]], compared[order[n:]]
-        remaining, arm = np.delete(np.arange(len(covariance)), left), self.perturbed_chain
-        to_remaining = np.eye(len(covariance))[remaining]
-        by_size = shares * size[order[n:]] / size[order[:n], None]
-        to_remaining[np.ix_(np.searchsorted(remaining, kept), left)] = by_size
-        fewer = np.zeros_like(covariance)
-        fewer[np.ix_(remaining, remaining)] = to_remaining @ covariance @ to_remaining.T
-        pairs = [pair for pair in zip(arm.terms, arm.columns, strict=True) if fewer.diagonal()[pair[1]].any()]
-        of_terms = np.concatenate([np.zeros(0, np.intp), *(columns for _, columns in pairs)])
-        rest = PerturbedChain(arm.chain, tuple(term for term, _ in pairs))
+        shares = solve_triangular(R[:n, :n], R[:n, n:], check_finite=False) * (size[order[n:]] / size[order[:n], None])
+        kept, left, fewer = compared[order[:n]], compared[order[n:]], covariance.copy()
+        fewer[kept] += shares @ fewer[left]
+        fewer[:, kept] += fewer[:, left] @ shares.T
+        fewer[left] = fewer[:, left] = 0.0
+        pairs = zip(self.perturbed_chain.terms, self.perturbed_chain.columns, strict=True)
+        remaining = [pair for pair in pairs if fewer.diagonal()[pair[1]].any()]
+        of_terms = np.concatenate([np.zeros(0, np.intp), *(columns for _, columns in remaining)])
+        rest = PerturbedChain(self.perturbed_chain.chain, tuple(term for term, _ in remaining))
         return replace(self, perturbed_chain=rest), fewer[np.ix_(of_terms, of_terms)]
 
-    def _derivatives_at_poses(self) -> tuple[IntArray, FloatArray]:
-        """Coefficients of functions of the joint angles, and derivatives (.., m) of tips at random poses."""
+    def _derivatives_at_poses(self, which: BoolArray) -> tuple[IntArray, FloatArray]:
+        """Coefficients of functions of the joint angles among some, and derivatives (.., m) of tips at random poses."""
         arm, half = self.perturbed_chain, np.where(self.chain.is_prismatic, TRAVEL_MM, np.pi)
-        n_poses = FEWEST_POSES + arm.n_coefficients // 2
+        pairs = zip(arm.terms, arm.columns, strict=True)
+        compared = [pair for pair in pairs if (inputs := pair[0].basis.inputs) is not None and inputs <= {"angle"}]
+        terms, of_terms = [term for term, _ in compared], [columns for _, columns in compared]
+        columns = np.concatenate([np.zeros(0, np.intp), *of_terms])
+        n_poses = FEWEST_POSES + len(columns) // 3
         state = ArmState(arm.chain, np.random.default_rng(0).uniform(-half, half, (n_poses, len(half))))
-        along_sites, (site_of, _) = self._along_sites(state)[1], arm.of_coefficient
-        compared, derivatives = [np.zeros(0, np.intp)], [np.zeros((0, 3, n_poses))]
-        for term, columns in zip(arm.terms, arm.columns, strict=True):
-            if (inputs := term.basis.inputs) is not None and inputs <= {"angle"}:
-                compared.append(columns)
-                derivatives.append(along_sites[site_of[columns]] * term.basis.values(state)[:, None])
-        return np.concatenate(compared), np.concatenate(derivatives).reshape(-1, 3 * n_poses)
+        values = {basis: basis.values(state) for basis in dict.fromkeys(term.basis for term in terms)}
+        directions = np.array([term.direction for term in terms]).reshape(-1, 6)
+        motions = self._motions(np.array([term.place for term in terms], dtype=np.intp), directions)
+        along = motions @ moved_chain(self.chain, state)[1].reshape(motions.shape[1], -1)
+        derivatives = np.repeat(along, list(map(len, of_terms)), axis=0)
+        derivatives *= np.tile(np.concatenate([np.zeros((0, n_poses)), *(values[term.basis] for term in terms)]), 3)
+        return columns[which[columns]], derivatives[which[columns]]
+
+    def _motions(self, places: IntArray, directions: FloatArray) -> FloatArray:
+        """(k, 6 n_places) components of the small motions of `chain` by motions at places (k,) along directions."""
+        out = np.zeros((len(places), *self.changes.shape[:2]))
+        out[np.arange(len(places)), places] = (self.changes[places] @ directions[:, :, None])[:, :, 0]
+        return out.reshape(len(places), 6 * len(self.changes))
 
     @cached_property
     def _by_motion(self) -> FloatArray:
         """(n_sites, 6 n_places) components of the small motions of `chain` by a motion along each site."""
-        sites, changes = self.perturbed_chain.sites, self.changes
-        out = np.zeros((len(sites), *changes.shape[:2]))
-        for own, site in zip(out, sites, strict=True):
-            own[site.place] = changes[site.place] @ site.direction
-        return out.reshape(len(sites), 6 * len(changes))
+        directions, places = self.perturbed_chain.of_site
+        return self._motions(places, directions)
 
     def _along_sites(self, state: ArmState) -> tuple[FloatArray, FloatArray]:
         """Tips (3, m) [mm] and their derivatives (n_sites, 3, m) along the sites."""
@@ -294,10 +298,18 @@ class IdentificationResult:
 
     def tip_covariance(self, state: ArmState) -> FloatArray:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
-        (derivatives, root), out = self._uncertain, np.empty((len(state), 3, 3))
+        return self.tips_and_covariance(state)[1]
+
+    def tips_and_covariance(self, state: ArmState) -> tuple[FloatArray, FloatArray]:
+        """`tips` and `tip_covariance`, with the basis functions evaluated once."""
+        (derivatives, root), chain, x = self._uncertain, self.perturbed_chain, self.coefficients
+        tips = self.tips(state) if chain.is_constant(x) else np.empty((len(state), 3))
+        out = np.empty((len(state), 3, 3))
         for rows, _, along_sites, values in derivatives(state):
+            if not chain.is_constant(x):
+                tips[rows] = chain.tips_from_values(state.angles[rows], values, x)
             out[rows] = root.covariances(along_sites, values, state.joint_angles[rows])
-        return out + self.unspanned_covariance(state) if self.processes else out
+        return tips, out + self.unspanned_covariance(state) if self.processes else out
 
     def expected_square_error(self, state: ArmState) -> float:
         """Expected squared error of a tip, by parameters and noise, mean over the readings of a state [mm^2].

@@ -271,7 +271,7 @@ class PerturbedChain:
     def along_sites(self, by_motion: FloatArray) -> FloatArray:
         """Derivatives (n_sites, k, m) along the sites, from those (n_places, 6, k, m) by the motions of the places."""
         if by_motion.shape[3] <= FEW:
-            directions, places = self._of_site
+            directions, places = self.of_site
             return np.asarray(np.einsum("sd,sdcm->scm", directions, by_motion[places]))
         out = np.empty((len(self.sites), *by_motion.shape[2:]))
         for own, (place, (first, *others)) in zip(out, self._axes, strict=True):
@@ -352,7 +352,7 @@ class PerturbedChain:
         )
 
     @cached_property
-    def _of_site(self) -> tuple[FloatArray, IntArray]:
+    def of_site(self) -> tuple[FloatArray, IntArray]:
         """Directions (n_sites, 6) and places (n_sites,) of the sites."""
         directions = np.array([site.direction for site in self.sites]).reshape(-1, 6)
         return directions, np.array([site.place for site in self.sites], dtype=np.intp)
