@@ -27,7 +27,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dtrmm, dtrsm
+from scipy.linalg.blas import dtrmm, dtrsm, strsm
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from truearm.identification.estimation.perturbed_chain import (
@@ -45,6 +45,8 @@ from truearm.typing import FloatArray, IntArray
 # Directions of small shares are found in a Krylov space of blocks of so many vectors, up to so many times the limit,
 # where nothing depends on them. Their residuals are less than this share: that of an eigenvalue is its square.
 BLOCK, FARTHER, CONVERGED = 8, 3.0, 0.01
+# Variances of displacements are the same to this share.
+SAME = 1e-4
 # Share of the variance by each coefficient alone, summed, that may remain of it with their covariances: below it their
 # sum has lost ten digits of sixteen.
 LEAST_SHARE = 1e-10
@@ -300,10 +302,22 @@ class WithoutData:
     lower: FloatArray
 
     def spread(self, columns: FloatArray) -> FloatArray:
-        """(p, ..) displacements by each cause, of derivatives (n_coefficients, ..) by the coefficients."""
+        """(p, ..) displacements by each cause, of derivatives (n_coefficients, ..), in the precision of these."""
         own = columns[self.whole.order]
+        solve, lower = (dtrsm, self.lower) if own.dtype == float else (strsm, self.lower.astype(np.float32))
         flat = own.reshape(len(own), -1)  # its transpose counts by columns, as BLAS does
-        return dtrsm(1.0, self.lower, flat.T, side=1, lower=1, trans_a=1, overwrite_b=1).T.reshape(own.shape)
+        return np.asarray(solve(1.0, lower, flat.T, side=1, lower=1, trans_a=1, overwrite_b=1).T.reshape(own.shape))
+
+    def covariances(self, columns: FloatArray) -> FloatArray:
+        """(m, k, k) covariances of displacements, of derivatives (n_coefficients, k, m) by the coefficients.
+
+        In single precision where the variances of a few are the same in double to `SAME`.
+        """
+        single, some = self.spread(columns.astype(np.float32)), slice(None, None, 1 + columns.shape[2] // BLOCK)
+        double = self.spread(columns[..., some])
+        variances = (np.einsum("pkm,pkm->m", spread, spread) for spread in (single[..., some], double))
+        spread = single if np.allclose(*variances, rtol=SAME, atol=0) else self.spread(columns)
+        return np.asarray(np.einsum("pkm,plm->mkl", spread, spread), dtype=float)
 
     def shift(self, gradient: FloatArray, least: float) -> FloatArray:
         """(n_coefficients,) the change of the coefficients where the data of a gradient (p,) are taken back.

@@ -416,13 +416,10 @@ class _Minimum:
         for i, rows in members:
             part = self.parts[i]
             judged = rows[part.is_judged[rows]]
-            for some in (judged[piece] for piece in perturbed_chain.chunks(len(judged), self.chunk)):
-                columns = self.problem.perturbed_chain.by_coefficient(
-                    *self.problem.site_derivatives(i, some, part.linear, self.x)
-                )
-                white = part.residuals[some] + np.einsum("pkm,p->mk", columns, shift)
-                spread = without.spread(columns)
-                blocks = np.einsum("pkm,plm->mkl", spread, spread)
+            for some in (judged[piece] for piece in perturbed_chain.chunks(len(judged), MOST_READINGS)):
+                factors = self.problem.site_derivatives(i, some, part.linear, self.x)
+                white = part.residuals[some] + self.problem.perturbed_chain.along(shift, *factors).T
+                blocks = without.covariances(self.problem.perturbed_chain.by_coefficient(*factors))
                 found.append(_held_out(part, some, white, blocks, np.ones(len(some)), group))
         return found
 
