@@ -315,8 +315,8 @@ class WithoutData:
         """
         single, some = self.spread(columns.astype(np.float32)), slice(None, None, 1 + columns.shape[2] // BLOCK)
         double = self.spread(columns[..., some])
-        variances = (np.einsum("pkm,pkm->m", spread, spread) for spread in (single[..., some], double))
-        spread = single if np.allclose(*variances, rtol=SAME, atol=0) else self.spread(columns)
+        one, other = (np.einsum("pkm,pkm->m", spread, spread) for spread in (single[..., some], double))
+        spread = single if np.allclose(one, other, rtol=SAME, atol=0) else self.spread(columns)
         return np.asarray(np.einsum("pkm,plm->mkl", spread, spread), dtype=float)
 
     def shift(self, gradient: FloatArray, least: float) -> FloatArray:

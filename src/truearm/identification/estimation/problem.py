@@ -15,7 +15,7 @@ artefacts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -88,20 +88,10 @@ class SmallMotionProblem:
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """(k, m) residuals of every reference [mm]."""
-        found = []
-        for i, reference in enumerate(self.references):
-            out = np.empty((reference.n_residuals, len(reference.rows)))
-            for piece in chunks(len(reference.rows), CHUNK):
-                state = self.state.rows(reference.rows[piece])
-                values = self._values(i, piece, state)
-                if reference.uses_orientation:
-                    motions = self.perturbed_chain.motions(x, values)
-                    out[:, piece] = self._linearised(i, piece, state, motions, x)[0].residuals
-                else:
-                    tips = self.perturbed_chain.tips_from_values(state.angles, values, x).T
-                    out[:, piece] = reference.linearised(tips, x[self.unknowns_of(i)], piece).residuals
-            found.append(out)
-        return found
+        return [
+            np.concatenate([part.residuals for part in self._pieces(i, x, self._values)], axis=-1)
+            for i in range(len(self.references))
+        ]
 
     def normal_equations(self, x: FloatArray, weights: Sequence[FloatArray]) -> list[Arrowhead]:
         """Cost, gradient and Gauss-Newton matrix of each reference with its own unknowns.
@@ -117,14 +107,10 @@ class SmallMotionProblem:
             return [self._equations(i, x, weights[i]) for i in range(len(self.references))]
 
     def linearised(self, x: FloatArray) -> list[LinearisedResiduals]:
-        """Residuals of every reference and their derivatives by tips, turns and unknowns."""
+        """Residuals of every reference and their derivatives by tips, turns and unknowns; what it takes is not kept."""
         found = []
-        for i, reference in enumerate(self.references):
-            parts = []
-            for piece in chunks(len(reference.rows), CHUNK):
-                state = self.state.rows(reference.rows[piece])
-                motions = self.perturbed_chain.motions(x, self._values(i, piece, state))
-                parts.append(self._linearised(i, piece, state, motions, x)[0])
+        for i in range(len(self.references)):
+            parts = list(self._pieces(i, x, lambda *of: self.perturbed_chain.values(of[2])))
             turns = [part.by_turn for part in parts if part.by_turn is not None]
             found.append(
                 LinearisedResiduals(
@@ -136,6 +122,19 @@ class SmallMotionProblem:
                 )
             )
         return found
+
+    def _pieces(
+        self, which: int, x: FloatArray, values_of: Callable[[int, slice, ArmState], FloatArray]
+    ) -> Iterator[LinearisedResiduals]:
+        reference = self.references[which]
+        for piece in chunks(len(reference.rows), CHUNK):
+            state = self.state.rows(reference.rows[piece])
+            values = values_of(which, piece, state)
+            if reference.uses_orientation:
+                yield self._linearised(which, piece, state, self.perturbed_chain.motions(x, values), x)[0]
+            else:
+                tips = self.perturbed_chain.tips_from_values(state.angles, values, x).T
+                yield reference.linearised(tips, x[self.unknowns_of(which)], piece)
 
     def site_derivatives(
         self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray

@@ -539,7 +539,8 @@ class _Minimum:
         if dual:
             few = list(pieces())
             pieces = partial(iter, few)
-            A = np.hstack([np.concatenate([piece.spread for piece in few]), of.spread])
+            A = few[0].spread if len(few) == 1 else np.concatenate([piece.spread for piece in few])
+            A = np.hstack([A, of.spread]) if of.spread.size else A  # of a large group every copy counts
             S = A @ A.T
             if own is None and not of.n_touches and (inverse := _inverse_of_rest(S)) is not None:
                 share, directions = least_shares(inverse.__matmul__, n, LEAST_FREEDOM)
