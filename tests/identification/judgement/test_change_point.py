@@ -263,7 +263,7 @@ def test_the_long_run_variance_is_that_of_bartletts_kernel(rng):
 def test_residuals_less_what_is_smooth_are_those_of_least_squares(rng):
     angles, weights, residuals = rng.uniform(-1, 1, (200, 3)), rng.uniform(0.5, 2, (200, 3)), rng.normal(size=(200, 3))
     at = _Readings(np.concatenate([angles, angles[:8]]), {}, *(np.r_[of, of[:8]] for of in (residuals, weights)), None)
-    smooth, root = at._smooth[0], np.sqrt(at.weights.mean(axis=1))[:, None]
+    smooth, root = at._smooth[0].T, np.sqrt(at.weights.mean(axis=1))[:, None]
     plain = at.residuals - smooth @ np.linalg.lstsq(root * smooth, root * at.residuals, rcond=1e-9)[0]
     # Normal equations of a condition of 1e9 at most: seven digits remain.
     np.testing.assert_allclose(at.less_smooth(at.residuals), plain, atol=1e-7)

@@ -258,19 +258,19 @@ class _Readings:
 
     @cached_property
     def _smooth(self) -> tuple[FloatArray, FloatArray] | None:
-        """Cubic functions of each joint and distances from some poses, (n, p), and the root of their weighed products.
+        """Cubic functions of each joint and distances from some poses, (p, n), and the root of their weighed products.
 
         None where too few readings would determine them.
         """
         z = _standardized(self.angles)
-        smooth = np.hstack([np.ones((len(z), 1)), z, z**2, z**3])
-        n_centres = min(len(z) // READINGS_PER_FUNCTION, MAX_FUNCTIONS) - smooth.shape[1]
-        if n_centres < 0:
+        powers = np.vstack([np.ones(len(z)), z.T, z.T**2, z.T**3])
+        smooth = np.empty((min(len(z) // READINGS_PER_FUNCTION, MAX_FUNCTIONS), len(z)))
+        if len(smooth) < len(powers):
             return None
-        centres = z[np.linspace(0, len(z) - 1, n_centres, dtype=int)]
-        smooth = np.hstack([smooth, cdist(z, centres)])
-        weighed = np.sqrt(self.weights.mean(axis=1))[:, None] * smooth
-        gram = weighed.T @ weighed
+        smooth[: len(powers)], distances = powers, smooth[len(powers) :]
+        cdist(z[np.linspace(0, len(z) - 1, len(distances), dtype=int)], z, out=distances)
+        weighed = smooth * np.sqrt(self.weights.mean(axis=1))
+        gram = weighed @ weighed.T
         return smooth, _root_of_inverse(gram, gram.diagonal())
 
     def less_smooth(self, residuals: FloatArray) -> FloatArray:
@@ -278,8 +278,8 @@ class _Readings:
         if self._smooth is None:
             return residuals
         smooth, root = self._smooth
-        along = smooth.T @ (self.weights.mean(axis=1)[:, None] * residuals)
-        return np.asarray(residuals - smooth @ (root @ (root.T @ along)))
+        along = smooth @ (self.weights.mean(axis=1)[:, None] * residuals)
+        return np.asarray(residuals - smooth.T @ (root @ (root.T @ along)))
 
     def evenly(self, most: int) -> _Readings:
         """No more than `most` of them, evenly selected in their order."""
@@ -520,7 +520,8 @@ def _products(columns: FloatArray, others: FloatArray) -> FloatArray:
 def _up_to_each(columns: FloatArray, others: FloatArray) -> FloatArray:
     """(p, q, n) products of columns (n, 3, p) up to each reading with others (n, 3, q)."""
     one, other = (np.ascontiguousarray(of.transpose(2, 1, 0)) for of in (columns, others))
-    return np.cumsum(np.einsum("pin,qin->pqn", one, other), axis=-1)
+    products = np.einsum("pin,qin->pqn", one, other)
+    return np.cumsum(products, axis=-1, out=products)
 
 
 def _size(at: _Readings, columns: FloatArray) -> FloatArray:
@@ -567,7 +568,9 @@ def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps
         of_both = _products(ramp, at.weighed(ramp))[:, :, None]
         own = {what: of_both[of, of] for what, of in at.columns.items()}
         with_constant, with_rest = (_products(ramp, one)[:, :, None] for one in (at.weighed_together, rest))
-    taken = np.matmul(beside.root[:p].T, with_constant) + np.matmul(beside.root[p:].T, with_rest[:, :-1])
+    taken = np.empty((p, beside.root.shape[1], with_rest.shape[2]))
+    for one, *products in zip(taken, with_constant, with_rest[:, :-1], strict=True):  # each in the cache
+        np.matmul(beside.root.T, np.concatenate(products), out=one)
     found = {}
     for what, of in at.columns.items():
         gram = own[what] - np.einsum("pin,qin->pqn", taken[of], taken[of])

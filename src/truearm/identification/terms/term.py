@@ -223,9 +223,9 @@ def _on_the_circle(angles: FloatArray, apart: float) -> tuple[float, int]:
 
 def count_apart(values: FloatArray, apart: float) -> int:
     """Count sorted values; values closer than `apart` to the first of them count as one."""
-    n = at = 0
-    while at < len(values):
-        n, at = n + 1, int(values.searchsorted(values[at] + apart, side="right"))
+    n, at, after = 0, 0, values.searchsorted(values + apart, side="right").tolist()
+    while at < len(after):
+        n, at = n + 1, after[at]
     return n
 
 
