@@ -15,6 +15,7 @@ from truearm.solve.linear_algebra import (
     add_to_diagonal,
     cholesky_solve,
     covariance_factor,
+    inverse_root,
     to_numpy,
     whiten,
 )
@@ -97,3 +98,15 @@ def test_the_square_of_a_factor_is_the_covariance(rng, rank):
     np.testing.assert_allclose(
         found.T @ found / units / units[:, None], half.T @ half / units / units[:, None], atol=1e-7
     )
+
+
+def test_the_root_of_a_pseudoinverse_inverts_what_is_determined(rng):
+    """Of columns of any unit, one the sum of two others and one zero."""
+    columns = rng.normal(size=(40, 5)) * [1.0, 1e6, 1e-6, 1.0, 0.0]
+    columns[:, 3] = columns[:, 0] + 1e-6 * columns[:, 1]
+    target = rng.normal(size=40)
+    root = inverse_root(columns.T @ columns, 1e-9)
+    fitted = columns @ (root @ (root.T @ (columns.T @ target)))
+    plain = columns[:, :3] * [1.0, 1e-6, 1e6]
+    assert root.shape == (5, 3)
+    np.testing.assert_allclose(fitted, plain @ np.linalg.lstsq(plain, target, rcond=None)[0], rtol=1e-9)

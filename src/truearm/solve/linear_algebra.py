@@ -69,6 +69,17 @@ def covariance_factor(covariance: FloatArray) -> FloatArray:
     return np.asarray(factor)
 
 
+def inverse_root(matrix: FloatArray, least: float, size: FloatArray | None = None) -> FloatArray:
+    """R (p, r) with ``R R^T`` the pseudoinverse of a matrix (p, p).
+
+    Scaled by `unit_diagonal`, eigenvalues below a share `least` of the largest are omitted.
+    """
+    scaled, scale = unit_diagonal(matrix, size)
+    values, vectors = np.linalg.eigh(scaled)
+    counts = values > least * values.max(initial=0.0)
+    return np.asarray(vectors[:, counts] / np.sqrt(values[counts]) / scale[:, None])
+
+
 def as_array_like(values: npt.ArrayLike, like: Array) -> Array:
     """`values` as doubles of the library, and on the device, of `like`; no copy where they are there already."""
     xp = array_namespace(like)

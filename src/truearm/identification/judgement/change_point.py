@@ -37,6 +37,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import chdtrc, chdtri, gammaln, logsumexp  # `scipy.stats` takes longer to import than a small fit
 
 from truearm.arm.rigid_motions import cross_matrix
+from truearm.solve.linear_algebra import inverse_root
 from truearm.typing import FloatArray, IntArray
 
 # A session of good readings is questioned once in five hundred.
@@ -270,8 +271,7 @@ class _Readings:
         smooth[: len(powers)], distances = powers, smooth[len(powers) :]
         cdist(z[np.linspace(0, len(z) - 1, len(distances), dtype=int)], z, out=distances)
         weighed = smooth * np.sqrt(self.weights.mean(axis=1))
-        gram = weighed @ weighed.T
-        return smooth, _root_of_inverse(gram, gram.diagonal())
+        return smooth, inverse_root(weighed @ weighed.T, LEAST_EIGENVALUE)
 
     def less_smooth(self, residuals: FloatArray) -> FloatArray:
         """Residuals less what is smooth in the joints."""
@@ -492,7 +492,8 @@ def _identified(at: _Readings, courses: Sequence[_Course]) -> _Identified:
         weighed.append(at.weighed(columns[1]))
     gram = np.block([[_products(one, other) for other in weighed] for one in columns])
     # What is constant has no differences: by its own size it stays zero.
-    root = _root_of_inverse(gram, np.concatenate([_size(at, one) for one in columns]))
+    size = np.concatenate([np.einsum("ni,nip->p", at.weights, one**2) for one in columns])
+    root = inverse_root(gram, LEAST_EIGENVALUE, size)
     coefficients = root @ (root.T @ np.concatenate([_products(one, at.residuals) for one in weighed]))
     parts = np.split(coefficients, [at.together.shape[2]])
     left = at.residuals - sum(one @ part for one, part in zip(columns, parts, strict=False))
@@ -508,7 +509,7 @@ def _without(at: _Readings, courses: list[_Course]) -> FloatArray:
     constant, changes = at.together, _identified(at, courses)
     residuals = at.residuals - changes.columns[1] @ changes.coefficients[constant.shape[2] :]
     weighted = at.weights[:, :, None] * constant
-    root = _root_of_inverse(_products(constant, weighted), _size(at, constant))
+    root = inverse_root(_products(constant, weighted), LEAST_EIGENVALUE)
     return np.asarray(residuals - constant @ (root @ (root.T @ _products(weighted, residuals))))
 
 
@@ -522,19 +523,6 @@ def _up_to_each(columns: FloatArray, others: FloatArray) -> FloatArray:
     one, other = (np.ascontiguousarray(of.transpose(2, 1, 0)) for of in (columns, others))
     products = np.einsum("pin,qin->pqn", one, other)
     return np.cumsum(products, axis=-1, out=products)
-
-
-def _size(at: _Readings, columns: FloatArray) -> FloatArray:
-    """(p,) weighted squares of columns."""
-    return np.asarray(np.einsum("ni,nip->p", at.weights, columns**2))
-
-
-def _root_of_inverse(gram: FloatArray, size: FloatArray) -> FloatArray:
-    """(p, r) root of the pseudoinverse of the products of columns of some squares (p,)."""
-    scale = 1 / np.sqrt(np.maximum(size, np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(scale[:, None] * gram * scale)
-    counts = values > LEAST_EIGENVALUE * values.max(initial=0.0)
-    return np.asarray(scale[:, None] * vectors[:, counts] / np.sqrt(values[counts]))
 
 
 def _best(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> tuple[_Course, dict[str, FloatArray]]:

@@ -23,6 +23,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain, ch
 from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Expression, Formula, Harmonics, Term
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, relative_size
+from truearm.solve.linear_algebra import inverse_root
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -178,14 +179,10 @@ def pose_features(n_joints: int, size: float) -> list[Term]:
 def _without(gram: FloatArray, gradient: FloatArray, n: int) -> tuple[FloatArray, FloatArray, int, float]:
     """Normal equations without the first n parameters; their rank, and by how much they decrease twice the cost."""
     inner, across = gram[:n, :n], gram[n:, :n]
-    # Lengths and angles in one matrix: scaled to a unit diagonal.
-    scale = 1 / np.sqrt(np.maximum(inner.diagonal(), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(scale[:, None] * inner * scale)
-    counts = values > LEAST_EIGENVALUE * values.max(initial=0.0)
-    root = vectors[:, counts] / np.sqrt(values[counts])
-    along, absorbed = (across * scale) @ root, root.T @ (scale * gradient[:n])
+    root = inverse_root(inner, LEAST_EIGENVALUE)
+    along, absorbed = across @ root, root.T @ gradient[:n]
     kept = gram[n:, n:] - along @ along.T, gradient[n:] - along @ absorbed
-    return *kept, int(counts.sum()), float(absorbed @ absorbed)
+    return *kept, root.shape[1], float(absorbed @ absorbed)
 
 
 def _components(values: FloatArray, squares: FloatArray, rest: float, n: int, n_readings: float) -> Remaining:
