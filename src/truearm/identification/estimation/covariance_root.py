@@ -42,9 +42,9 @@ from truearm.solve.linear_algebra import covariance_factor
 from truearm.solve.trigonometric_sums import Multiples, bilinear_form, is_cheaper
 from truearm.typing import FloatArray, IntArray
 
-# Directions of small shares are found in a Krylov space of blocks of so many vectors, up to so many times the limit,
-# where nothing depends on them. Their residuals are less than this share: that of an eigenvalue is its square.
-BLOCK, FARTHER, CONVERGED = 8, 3.0, 0.01
+# A Krylov space of blocks of so many vectors, so many of them at least, has the large eigenvalues of a matrix along a
+# vector: their residuals are less than this share of its image.
+BLOCK, FEWEST, CONVERGED = 8, 3, 0.003
 # Variances of displacements are the same to this share.
 SAME = 1e-4
 # Share of the variance by each coefficient alone, summed, that may remain of it with their covariances: below it their
@@ -332,31 +332,30 @@ class WithoutData:
             moved = dpotrs(self.lower, solve_triangular(factor, directions, check_finite=False), lower=1)[0]
             return np.asarray(solve_triangular(factor, moved, trans="T", check_finite=False))
 
-        share, directions = least_shares(ratio_times, len(gradient), least)
-        too_far = (1 / share - 1 / np.maximum(share, least)) * (directions.T @ (factor @ gradient))
-        found[self.whole.order] = dpotrs(self.lower, gradient, lower=1)[0] - factor.T @ (directions @ too_far)
+        too_far = factor.T @ too_large(ratio_times, factor @ gradient, 1 / least)
+        found[self.whole.order] = dpotrs(self.lower, gradient, lower=1)[0] - too_far
         return found
 
 
-def least_shares(
-    inverse_times: Callable[[FloatArray], FloatArray], n: int, least: float
-) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues (k,) of a matrix (n, n), all below `least` and some more, and their directions (n, k).
+def too_large(times: Callable[[FloatArray], FloatArray], vector: FloatArray, most: float) -> FloatArray:
+    """What a matrix times a vector (n,) is more than if its eigenvalues were no larger than `most`.
 
-    By what its inverse times some directions is.
+    By what the matrix times some directions (n, k) is.
     """
-    new = np.random.default_rng(0).normal(size=(n, BLOCK))
-    basis, times = np.zeros((2, n, 0))
-    while 2 * (basis.shape[1] + BLOCK) <= n:
+    new = np.random.default_rng(0).normal(size=(len(vector), BLOCK))
+    new[:, 0] = vector
+    basis, images = np.zeros((2, len(vector), 0))
+    while 2 * (basis.shape[1] + BLOCK) <= len(vector):
         for _ in range(2):  # the second makes up for what rounding left along the basis
             new = np.linalg.qr(new - basis @ (basis.T @ new))[0]
-        basis, times = np.hstack([basis, new]), np.hstack([times, inverse_times(new)])
-        values, vectors = np.linalg.eigh(basis.T @ times)
-        found = values >= min(values[-1], 1 / (FARTHER * least))
-        values, directions = values[found], basis @ vectors[:, found]
-        off = np.linalg.norm(times @ vectors[:, found] - values * directions, axis=0)
-        if not found.all() and (off <= CONVERGED * values).all():
-            return 1 / values, directions
-        new = times[:, -BLOCK:]
-    values, vectors = np.linalg.eigh(inverse_times(np.eye(n)))
-    return 1 / values, vectors
+        basis, images = np.hstack([basis, new]), np.hstack([images, times(new)])
+        values, vectors = np.linalg.eigh(basis.T @ images)
+        along = vectors.T @ (basis.T @ vector)
+        large = values >= min(values[-1], most)
+        off = np.linalg.norm(images @ vectors[:, large] - basis @ (vectors[:, large] * values[large]), axis=0)
+        is_close = np.linalg.norm(off * along[large]) <= CONVERGED * np.linalg.norm(np.minimum(values, most) * along)
+        if is_close and basis.shape[1] >= FEWEST * BLOCK:
+            return np.asarray(basis @ (vectors @ (np.maximum(values - most, 0) * along)))
+        new = images[:, -BLOCK:]
+    values, vectors = np.linalg.eigh(times(np.eye(len(vector))))
+    return np.asarray(vectors @ (np.maximum(values - most, 0) * (vectors.T @ vector)))

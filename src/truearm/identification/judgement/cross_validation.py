@@ -36,7 +36,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse import csr_array, hstack, vstack
 
 from truearm.identification.estimation import perturbed_chain
-from truearm.identification.estimation.covariance_root import CovarianceRoot, least_shares
+from truearm.identification.estimation.covariance_root import CovarianceRoot, too_large
 from truearm.identification.estimation.identification import initial_problem, select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
@@ -543,9 +543,7 @@ class _Minimum:
             A = np.hstack([A, of.spread]) if of.spread.size else A  # of a large group every copy counts
             S = A @ A.T
             if own is None and not of.n_touches and (inverse := _inverse_of_rest(S)) is not None:
-                share, directions = least_shares(inverse.__matmul__, n, LEAST_FREEDOM)
-                too_far = 1 / share - 1 - (1 - share) / np.maximum(share, LEAST_FREEDOM)
-                white = inverse @ r - directions @ (too_far * (directions.T @ r))
+                white = inverse @ r - too_large(inverse.__matmul__, S @ r, 1 / LEAST_FREEDOM)
                 for piece, at in _placed(iter(few)):
                     part, m = self.parts[piece.which], len(piece.rows)
                     of_reading = np.arange(at.start, at.stop).reshape(m, -1)
