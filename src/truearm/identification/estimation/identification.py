@@ -303,6 +303,7 @@ def _result(
     prior = without_negligible(prior, problem.perturbed_chain, state, float(noise.min()), n_residuals)
     effective = np.where(prior.scale > 0, rounds.effective, 0.0)
     x = np.where(prior.active, rounds.x, 0.0)
+    residuals = rounds.residuals if (x == rounds.x).all() else problem.residuals(x)
     covariance = _covariance(rounds, x, prior) if about is None else np.zeros((len(x), len(x)))
     perturbed_chain, groups = problem.perturbed_chain, list(offered)
     kept = tuple(term for term in perturbed_chain.terms if prior.scale[groups.index(term.group)] > 0)
@@ -316,7 +317,7 @@ def _result(
             TermGroupResult(name, n, float(effective[i]), float(prior.scale[i]))
             for i, (name, n) in enumerate(offered.items())
         ),
-        reference_fits(problem, x, noise, rounds.robust_weights, [np.sqrt(known.T) for known in rounds.known]),
+        reference_fits(problem, x, residuals, noise, rounds.robust_weights, [np.sqrt(of.T) for of in rounds.known]),
         rounds.converged,
         n_rounds,
     )
@@ -368,16 +369,17 @@ def _sample_of_tips(problem: SmallMotionProblem) -> ArmState:
 def reference_fits(
     problem: SmallMotionProblem,
     x: FloatArray,
+    residuals: Sequence[FloatArray],
     noise_std: FloatArray,
     robust_weights: Sequence[FloatArray],
     known_std: Sequence[FloatArray] | None = None,
 ) -> tuple[ReferenceFit, ...]:
-    """The references at parameters `x`, with the noise of each and the robust weights of its readings.
+    """The references at parameters `x`, with their residuals there, the noise of each and the weights of its readings.
 
     `known_std` (k, m) are the standard uncertainties of their residuals; those stated by default.
     """
     found = []
-    for i, (reference, residual) in enumerate(zip(problem.references, problem.residuals(x), strict=True)):
+    for i, (reference, residual) in enumerate(zip(problem.references, residuals, strict=True)):
         unknowns = dict(zip(reference.unknowns, x[problem.unknowns_of(i)].tolist(), strict=True))
         found.append(
             ReferenceFit(

@@ -78,6 +78,8 @@ class Rounds:
 
     Attributes
     ----------
+    residuals : list of (k, m) array
+        Of every reference at the present parameters [mm].
     noise : (n_references,) array
         Variance of every reference [mm^2].
     known : list of (m, k) array
@@ -119,7 +121,7 @@ class Rounds:
         self.n_residuals = sum(
             int((w > 0).sum()) * reference.n_residuals for w, reference in zip(given, problem.references, strict=True)
         )
-        self._residuals = problem.residuals(x)
+        self.residuals = problem.residuals(x)
         self.known = [reference.std.T**2 for reference in problem.references]
         self._by_rounding = _variances_by_rounding(problem, x)
 
@@ -136,7 +138,7 @@ class Rounds:
             self._settle_known(self._by_rounding)
         self.noise, self.weights, self.robust_weights = _weights(
             self.problem.references,
-            self._residuals,
+            self.residuals,
             self.known,
             self._given,
             self._per_reference,
@@ -153,7 +155,7 @@ class Rounds:
         The angles of a plan have few digits too. What rounding alone would do to the residuals they then do not show.
         Neither do residuals that are nearly as many parameters, before evidence has scaled these.
         """
-        for i, (reference, residual) in enumerate(zip(self.problem.references, self._residuals, strict=True)):
+        for i, (reference, residual) in enumerate(zip(self.problem.references, self.residuals, strict=True)):
             used = self._given[i] > 0
             stated, effective = reference.std.T**2, float(self._per_reference[i])
             if effective > MOST_EFFECTIVE * int(used.sum()) * reference.n_residuals:
@@ -171,7 +173,7 @@ class Rounds:
         if self.some is None:
             parts, whole = linearised(problem, x, self.weights)
         else:
-            whole = roughly_linearised(problem, x, self.weights[0], self._residuals[0], self.some)
+            whole = roughly_linearised(problem, x, self.weights[0], self.residuals[0], self.some)
             parts = [whole]
         reduced = eliminate_unknowns(parts, whole, x)
         self.linearised_at, self.reduced = x, reduced
@@ -181,7 +183,7 @@ class Rounds:
         self.prior, self.effective = found.prior, found.effective
         if x[~self.prior.active].any():
             x = np.where(self.prior.active, x, 0.0)
-            self._residuals = problem.residuals(x)
+            self.residuals = problem.residuals(x)
         step, before = reduced.step(found.posterior.x - x[reduced.kept]), self._moved_by
         moved_by = self._take(step, whole.times(step), x, reduced.n_determined)
         with one_blas_thread():
@@ -217,7 +219,7 @@ class Rounds:
         self._share = max(self._share / 2, 0.1) if self.calm >= 2 and back else min(1.5 * self._share, 1.0)
         self._step, self._moved_by = step, moved_by
         cost, halving = _cost(self.problem, self.weights, self.prior), StepHalving(self._share, MAX_HALVINGS)
-        self.x, self._residuals = take_step(self.problem, x, self._residuals, step, cost, halving)
+        self.x, self.residuals = take_step(self.problem, x, self.residuals, step, cost, halving)
         return moved_by
 
     def _drop_pruned(self) -> None:

@@ -155,7 +155,7 @@ def update_in_set_up(
         wide.covariance,
         known.prior_std,
         _groups(fit, terms, 1 - determined),
-        reference_fits(problem, x, np.full(len(references), np.sqrt(variance)), weighed.robust_weights),
+        reference_fits(problem, x, residuals, np.full(len(references), np.sqrt(variance)), weighed.robust_weights),
         converged,
         n_rounds,
     )
