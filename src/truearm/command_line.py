@@ -6,6 +6,7 @@ import codecs
 import errno
 import importlib
 import io
+import os
 import re
 import signal
 import sys
@@ -182,6 +183,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     `sources --try` no sample arrived; of `arms --from-circles` a joint is not measured.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
+    # Pydantic's plugins watch what it checks: to look for them it reads about every package that is installed.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     _settle_encodings()
     try:
         with _signals_unwind():

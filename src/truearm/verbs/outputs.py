@@ -110,12 +110,12 @@ def check_model_output(out: str | Path, arm: Arm | None, *inputs: str | Path | N
         As `check_output`, also with `force`; without it if the file exists and is none of this arm's models.
     """
     from truearm.models.arm_check import other_arm
-    from truearm.models.model_file import load_model
+    from truearm.models.model_file import load_arm_of_model
 
     out = Path(out)
     check_output(out, *inputs)
     if force or not out.exists():
         return
-    kept = _read_own(out, load_model, REPLACE)
-    if arm is not None and (difference := other_arm(kept.arm_, arm)):
+    kept = _read_own(out, load_arm_of_model, REPLACE)
+    if arm is not None and (difference := other_arm(kept, arm)):
         raise InputError(f"the file has a model of another arm: {difference}", file=out, hint=REPLACE)
