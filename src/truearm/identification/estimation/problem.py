@@ -150,15 +150,27 @@ class SmallMotionProblem:
         motion_jacobian = moved_chain(self.perturbed_chain.chain, state, motions)[1]
         return self._along_sites(of_readings(linear, rows), motions, motion_jacobian), values
 
-    def sums_of(self, which: int, rows: IntArray, linear: LinearisedResiduals, x: FloatArray) -> GaussNewtonSums:
-        """Sums over some of a reference's readings, without unknowns; `linear` as in `site_derivatives`."""
-        sums = GaussNewtonSums(self.perturbed_chain, 0, len(rows))
-        for piece in chunks(len(rows), CHUNK):
-            along_sites, values = self.site_derivatives(which, rows[piece], linear, x)
-            angles = self.state.rows(self.references[which].rows[rows[piece]]).joint_angles
-            sums.add(linear.residuals[:, rows[piece]], along_sites, values, angles)
+    def sums_of(
+        self, members: Sequence[tuple[int, IntArray]], linear: Sequence[LinearisedResiduals], x: FloatArray
+    ) -> GaussNewtonSums:
+        """Sums over some readings of some references, without unknowns; the next ones take their memory.
+
+        `members` are numbers of references with rows, `linear` each whole reference, as in `site_derivatives`.
+        """
+        self._memory.fill(0.0)
+        sums = GaussNewtonSums(self.perturbed_chain, 0, sum(len(rows) for _, rows in members), self._memory)
+        for which, rows in members:
+            for some in (rows[piece] for piece in chunks(len(rows), CHUNK)):
+                along_sites, values = self.site_derivatives(which, some, linear[which], x)
+                angles = self.state.rows(self.references[which].rows[some]).joint_angles
+                sums.add(linear[which].residuals[:, some], along_sites, values, angles)
         sums.transform()
         return sums
+
+    @cached_property
+    def _memory(self) -> FloatArray:
+        """Of a matrix that is summed again and again: pages of new memory take half as long as its factorisation."""
+        return np.empty((self.perturbed_chain.n_coefficients,) * 2)
 
     def log_size_ratio(self, x: FloatArray) -> float:
         """Logarithm of the size of the arm at readings with relative references, over its nominal size."""
@@ -335,10 +347,11 @@ def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResidu
 class GaussNewtonSums:
     """Sums over readings of gradient and Gauss-Newton matrix: narrow columns first, then the sites in pairs.
 
-    `n_readings` will be added: pairs of sites of harmonics are transformed where that costs less.
+    `n_readings` will be added: pairs of sites of harmonics are transformed where that costs less. The matrix may be
+    given, of zeros.
     """
 
-    def __init__(self, chain: PerturbedChain, n_unknowns: int, n_readings: int) -> None:
+    def __init__(self, chain: PerturbedChain, n_unknowns: int, n_readings: int, gram: FloatArray | None = None) -> None:
         sites, n_coefficients = chain.sites, chain.n_coefficients
         self.wide = [(i, site) for i, site in enumerate(sites) if len(site.columns) > MOST_NARROW]
         site_of, row_of = chain.of_coefficient
@@ -359,7 +372,7 @@ class GaussNewtonSums:
         self.angles: list[FloatArray] = []
         self.cost = 0.0
         self.gradient = np.zeros(n_coefficients)
-        self.gram = np.zeros((n_coefficients, n_coefficients))
+        self.gram = np.zeros((n_coefficients, n_coefficients)) if gram is None else gram
         self.by_unknown = np.zeros(n_unknowns)
         self.coupling = np.zeros((n_unknowns, n_coefficients))
         self.blocks = csr_array((n_unknowns, n_unknowns))

@@ -404,9 +404,7 @@ class _Minimum:
         has_unknowns = any(self.parts[i].linear.unknown.size for i, _ in members)
         if has_unknowns or not 0 < self.root.n_rows < n_residuals:
             return None
-        own, *others = (self.problem.sums_of(i, rows, self.parts[i].linear, self.x) for i, rows in members)
-        for other in others:
-            own.merge(other)
+        own = self.problem.sums_of(members, [part.linear for part in self.parts], self.x)
         known = np.isin(own.order, self.root.order)
         without = self.root.without(own.gram if known.all() else own.gram[np.ix_(known, known)])
         if without is None:
