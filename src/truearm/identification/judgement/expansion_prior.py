@@ -46,6 +46,7 @@ from truearm.identification.terms.links import MATERIALS, UNKNOWN_MATERIAL
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
+from truearm.solve.linear_algebra import add_product
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # By how much links may be behind the thermometer, root mean square over a session [K].
@@ -135,10 +136,11 @@ class _Mixture:
             off = (along @ typical - mean)[:, None]
             columns += [along, off]
             weighed += [along @ (small + (about.T * weight) @ about), weight.sum() * off]
-        by_drift = np.einsum("k,kdc,kec->de", self.weight, self.drifts, self.drifts)
+        drifts = np.concatenate([self.as_others, np.zeros((2 * n, self.as_others.shape[1]))])
+        columns.append(drifts)
+        weighed.append(drifts @ np.einsum("k,kdc,kec->de", self.weight, self.drifts, self.drifts))
         covariance = np.hstack(weighed) @ np.hstack(columns).T
         covariance[-2 * n :, -2 * n :] += np.tensordot(self.weight, self.rest, axes=1)
-        covariance[: -2 * n, : -2 * n] += self.as_others @ by_drift @ self.as_others.T
         return np.asarray(covariance)
 
     def _by_gain(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, BoolArray]]:
@@ -203,10 +205,12 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     # The others, growth, and constants that take the lengths to 20 degC.
     n, mean, covariance = len(others), new.mean, wide.covariance
     mean[:n] += fit.coefficients[others] - gain @ fit.coefficients[grows]
-    covariance[:n, :n] += fit.covariance[np.ix_(others, others)] - gain @ of_growth @ gain.T
+    covariance[:n, :n] += fit.covariance.take(others, 0).take(others, 1)
+    add_product(covariance[:n, :n], -gain @ of_growth, gain)
     covariance[p:, p:] += u_K**2 * (covariance[n:p, n:p] + np.outer(mean[n:p], mean[n:p]))
     order = np.argsort(np.concatenate([others, grows, p + np.arange(len(grows))]))
-    x, covariance = mean[order], (covariance + covariance.T)[np.ix_(order, order)] / 2
+    x, covariance = mean[order], covariance.take(order, 0).take(order, 1)
+    covariance = (covariance + covariance.T) / 2
     prior_std = fit.prior_std.copy()
     prior_std[grows] = np.sqrt(UNKNOWN_MATERIAL.covariance(len(grows)).diagonal())
     groups = tuple(
