@@ -18,11 +18,13 @@ A. H. Barnett, J. F. Magland, L. af Klinteberg, "A parallel nonuniform fast Four
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
-from typing import NamedTuple
+from threading import get_ident
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from truearm.typing import FloatArray, IntArray
 
@@ -31,9 +33,8 @@ TOLERANCE = 1e-15
 # A grid is twice as fine as the multiples ask for, and a value is spread to so many of its points a dimension.
 FINENESS, WIDTH = 2, 16
 # Operations of a product of matrices in the time of one of a transform, whose memory is not used in order (Xeon, one
-# thread: 45 and 6.5 GFLOP/s), and in the time of the plan of a transform (0.5 ms).
+# thread: 45 and 6.5 GFLOP/s).
 SLOWNESS = 7
-PLAN = 2e7
 
 
 class Multiples(NamedTuple):
@@ -70,7 +71,7 @@ def is_cheaper(m: int, one: IntArray, other: IntArray | None = None) -> bool:
         products, grid, spread = products // 2, FINENESS * 4 * int(one.max()), WIDTH
     else:
         grid, spread = FINENESS**2 * int(np.ptp(one) + 1) * (2 * int(second.max()) + 1), WIDTH**2
-    return products > PLAN + SLOWNESS * (5 * grid * math.log2(grid) + 4 * spread * m)
+    return products > SLOWNESS * (5 * grid * math.log2(grid) + 4 * spread * m)
 
 
 def weighted_products(weights: FloatArray, one: Multiples, other: Multiples | None = None) -> FloatArray:
@@ -82,13 +83,9 @@ def weighted_products(weights: FloatArray, one: Multiples, other: Multiples | No
     one, other : Multiples
         K and L of them.
     """
-    import finufft  # an import of milliseconds, which small models never need
-
     if other is None:
         n = 2 * int(one.orders.max())
-        sums = finufft.nufft1d1(
-            _wrapped(one.angles), weights.astype(complex), 2 * n + 1, eps=TOLERANCE, isign=1, nthreads=1
-        )
+        sums = _transformed(1, (2 * n + 1,), [_wrapped(one.angles)], weights.astype(complex))
         sums = 0.5 * (sums + sums[::-1].conj())  # of real weights they differ by rounding: the result is symmetric
         k, orders = one.orders[:, None], one.orders
         plus, minus = sums[n + k + orders], sums[n + k - orders]
@@ -97,7 +94,7 @@ def weighted_products(weights: FloatArray, one: Multiples, other: Multiples | No
         a, b = _wrapped(one.angles), _wrapped(other.angles)
         # Modes are about zero: the multiples of the first angle are moved there.
         turned = weights * np.exp(1j * (first + size // 2) * a)
-        sums = finufft.nufft2d1(a, b, turned, (size, 2 * last + 1), eps=TOLERANCE, isign=1, nthreads=1)
+        sums = _transformed(1, (size, 2 * last + 1), [a, b], turned)
         rows = sums[one.orders - first]
         plus, minus = rows[:, last + other.orders], rows[:, last - other.orders]
     out = np.empty((2 * plus.shape[0], 2 * plus.shape[1]))
@@ -116,8 +113,6 @@ def bilinear_form(matrix: FloatArray, one: Multiples, other: Multiples | None = 
     one, other : Multiples
         K and L of them.
     """
-    import finufft
-
     cosines, sines = matrix[::2], matrix[1::2]
     even, odd = cosines[:, ::2] - sines[:, 1::2], sines[:, ::2] + cosines[:, 1::2]
     plus = 0.5 * (even - 1j * odd)
@@ -130,13 +125,30 @@ def bilinear_form(matrix: FloatArray, one: Multiples, other: Multiples | None = 
         where = np.concatenate([(n + k + orders).ravel(), (n + k - orders).ravel()])
         both = np.concatenate([plus.ravel(), minus.ravel()])
         modes = np.bincount(where, both.real, 2 * n + 1) + 1j * np.bincount(where, both.imag, 2 * n + 1)
-        return np.asarray(finufft.nufft1d2(a, modes, eps=TOLERANCE, isign=1, nthreads=1).real)
+        return np.asarray(_transformed(2, modes.shape, [a], modes).real)
     first, size, last = int(one.orders.min()), int(np.ptp(one.orders)) + 1, int(other.orders.max())
     modes = np.zeros((size, 2 * last + 1), dtype=complex)
     modes[np.ix_(one.orders - first, last + other.orders)] = plus
     modes[np.ix_(one.orders - first, last - other.orders)] = minus
-    values = finufft.nufft2d2(a, _wrapped(other.angles), modes, eps=TOLERANCE, isign=1, nthreads=1)
+    values = _transformed(2, modes.shape, [a, _wrapped(other.angles)], modes)
     return np.asarray((values * np.exp(1j * (first + size // 2) * a)).real)
+
+
+def _transformed(
+    kind: int, modes: tuple[int, ...], angles: list[FloatArray], given: npt.NDArray[np.complex128]
+) -> npt.NDArray[np.complex128]:
+    """The transform of type 1 or 2 between complex values at angles and multiples about zero."""
+    plan = _plan(kind, modes, get_ident())
+    plan.setpts(*angles)
+    return np.asarray(plan.execute(given))
+
+
+@lru_cache(maxsize=8)
+def _plan(kind: int, modes: tuple[int, ...], thread: int) -> Any:  # noqa: ARG001 - a plan serves one thread
+    """The plan of transforms of a shape: to make it takes as long as to sum a thousand values."""
+    import finufft  # an import of milliseconds, which small models never need
+
+    return finufft.Plan(kind, modes, eps=TOLERANCE, isign=1, nthreads=1)
 
 
 def _wrapped(angles: FloatArray) -> FloatArray:
