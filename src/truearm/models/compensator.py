@@ -399,7 +399,7 @@ class Compensator(Regressor, ABC):
         self, at: CheckedReadings, of_parameters: FloatArray, unexplained: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """The parts of `_covariance_parts` with the expansion outside the trained temperatures, in session frames."""
-        if self._expansion_displacements(at.session).size:
+        if at.session.temperature_degC is not None and self._expansion_displacements(at.session).size:
             of_parameters = of_parameters + self.expansion_covariance(at)
         frames = self.session_frames_
         return covariances_to_session_frames(of_parameters, at.session.session, frames), covariances_to_session_frames(

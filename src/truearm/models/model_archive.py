@@ -207,6 +207,9 @@ def decode_arm(header: Header, arrays: Mapping[str, Array]) -> Arm:
     return arm
 
 
+_hints = cache(get_type_hints)
+
+
 @cache
 def _learned(kind: type) -> dict[str, Any]:
     """Types of the learned attributes that a class annotates, by name."""
@@ -292,12 +295,12 @@ def _decode(hint: Any, data: Any, name: str, arrays: dict[str, Array]) -> Any:
     if hint in DTYPES:
         return _taken_array(DTYPES[hint], data, name, arrays)
     if is_dataclass(hint):
-        hints = get_type_hints(hint)
+        build: Callable[..., Any] = hint  # type: ignore[assignment]
+        hints = _hints(build)
         names = [field.name for field in _kept_fields(hint)]
         optional = {field.name for field in _kept_fields(hint) if field.default is not MISSING}
         if not isinstance(data, dict) or not set(names) - optional <= data.keys() <= set(names):
             raise InputError(f"model.json, {name}: expected {', '.join(names)}, got {str(data)[:60]}")
-        build: Callable[..., Any] = hint  # type: ignore[assignment]
         parts = {key: _decode(hints[key], one, f"{name}.{key}", arrays) for key, one in data.items()}
         if hint is IdentificationResult and (same := parts.get("repeatability_covariance")) is not None:
             whole = parts["covariance"]

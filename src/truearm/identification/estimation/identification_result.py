@@ -303,10 +303,10 @@ class IdentificationResult:
     def tips_and_covariance(self, state: ArmState) -> tuple[FloatArray, FloatArray]:
         """`tips` and `tip_covariance`, with the basis functions evaluated once."""
         (derivatives, root), chain, x = self._uncertain, self.perturbed_chain, self.coefficients
-        tips = self.tips(state) if chain.is_constant(x) else np.empty((len(state), 3))
-        out = np.empty((len(state), 3, 3))
+        is_constant, out = chain.is_constant(x), np.empty((len(state), 3, 3))
+        tips = self.chain.tip_in_base(state.angles) if is_constant else np.empty((len(state), 3))
         for rows, _, along_sites, values in derivatives(state):
-            if not chain.is_constant(x):
+            if not is_constant:
                 tips[rows] = chain.tips_from_values(state.angles[rows], values, x)
             out[rows] = root.covariances(along_sites, values, state.joint_angles[rows])
         return tips, out + self.unspanned_covariance(state) if self.processes else out
