@@ -313,7 +313,7 @@ class WithoutData:
 
         In single precision where the variances of a few are the same in double to `SAME`.
         """
-        single, some = self.spread(columns.astype(np.float32)), slice(None, None, 1 + columns.shape[2] // BLOCK)
+        single, some = self.spread(columns.astype(np.float32)), slice(None, None, 1 + columns.shape[2] // 4)
         double = self.spread(columns[..., some])
         one, other = (np.einsum("pkm,pkm->m", spread, spread) for spread in (single[..., some], double))
         spread = single if np.allclose(one, other, rtol=SAME, atol=0) else self.spread(columns)

@@ -32,7 +32,7 @@ from truearm.identification.estimation.perturbed_chain import (
     chunks,
     moved_chain,
 )
-from truearm.identification.references.references import LinearisedResiduals, Reference
+from truearm.identification.references.references import LinearisedResiduals, Points, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.solve.arrowhead import Arrowhead
 from truearm.solve.threads import cores, one_blas_thread
@@ -106,10 +106,16 @@ class SmallMotionProblem:
         with one_blas_thread():
             return [self._equations(i, x, weights[i]) for i in range(len(self.references))]
 
-    def linearised(self, x: FloatArray) -> list[LinearisedResiduals]:
-        """Residuals of every reference and their derivatives by tips, turns and unknowns; what it takes is not kept."""
+    def linearised(self, x: FloatArray, residuals: Sequence[FloatArray] | None = None) -> list[LinearisedResiduals]:
+        """Residuals of every reference and their derivatives by tips, turns and unknowns; what it takes is not kept.
+
+        Where the residuals at `x` are known, those of points tell where the tips are.
+        """
         found = []
-        for i in range(len(self.references)):
+        for i, reference in enumerate(self.references):
+            if residuals is not None and isinstance(reference, Points):
+                found.append(reference.linearised(reference.points.T + residuals[i], x[:0], slice(None)))
+                continue
             parts = list(self._pieces(i, x, lambda *of: self.perturbed_chain.values(of[2])))
             turns = [part.by_turn for part in parts if part.by_turn is not None]
             found.append(

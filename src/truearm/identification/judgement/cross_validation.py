@@ -310,8 +310,8 @@ class _Minimum:
             root_of_eliminated, of_shared = reduced.root, reduced.slope[:, p:] @ half.T
             place[reduced.eliminated - p] = np.arange(len(reduced.eliminated))
             is_linked = problem.constraints(x).blocks.diagonal() > 0
-        found = []
-        for i, (part, weight, linear) in enumerate(zip(fit.references, weights, problem.linearised(x), strict=True)):
+        found, linearised = [], problem.linearised(x, [part.residuals for part in fit.references])
+        for i, (part, weight, linear) in enumerate(zip(fit.references, weights, linearised, strict=True)):
             own = problem.unknowns_of(i).start - p + linear.unknown
             weighed = linear.weighted(weight)
             by_unknown = _by_unknown(weighed, place[own], len(slope))
