@@ -345,7 +345,7 @@ def too_large(times: Callable[[FloatArray], FloatArray], vector: FloatArray, mos
     new = np.random.default_rng(0).normal(size=(len(vector), BLOCK))
     new[:, 0] = vector
     basis, images = np.zeros((2, len(vector), 0))
-    while 2 * (basis.shape[1] + BLOCK) <= len(vector):
+    while 2 * max(basis.shape[1] + BLOCK, FEWEST * BLOCK) <= len(vector):
         for _ in range(2):  # the second makes up for what rounding left along the basis
             new = np.linalg.qr(new - basis @ (basis.T @ new))[0]
         basis, images = np.hstack([basis, new]), np.hstack([images, times(new)])

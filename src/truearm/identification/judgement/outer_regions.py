@@ -93,16 +93,16 @@ def growing_outside(
         if len(held_out.rows) < LEAST_READINGS:
             continue
         without = ranges.copy()
-        without[joint] = _ranges(angles[used & ~rows])[joint]
+        without[joint] = _ranges(angles[used & ~rows, joint, None])[0]
         own = replace(whole, ranges=without)
         # Others are inside. A slide counts in units of its whole range, as it does where the growth is applied.
-        distance = own.distance(angles) * (own.unit / whole.unit)[joint]
-        held_out = held_out.select(distance[held_out.rows] > 0)
+        distance = own.distance(angles[held_out.rows]) * (own.unit / whole.unit)[joint]
+        held_out, distance = held_out.select(distance > 0), distance[distance > 0]
         if len(held_out.rows) < LEAST_READINGS:
             continue
         at = angles[held_out.rows]
         part = variance * function.share(at) * held_out.freedom
-        excess.append(least_growth(with_unspanned(held_out, fit, state), part, distance[held_out.rows]))
+        excess.append(least_growth(with_unspanned(held_out, fit, state), part, distance))
         weight.append(np.full(len(held_out.rows), 1 / len(held_out.rows)))
     if len(excess) > 1:
         whole = replace(whole, growth=_weighted_quantile(np.concatenate(excess), np.concatenate(weight), LEVEL))
