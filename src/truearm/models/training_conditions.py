@@ -630,7 +630,7 @@ def fingerprint(data: Session | Lengths) -> str:
             continue
         digest.update(f"{name} {values.shape}\0".encode())
         if values.dtype.kind == "U":
-            digest.update("".join(f"{word}\0" for word in values.tolist()).encode())
+            digest.update("\0".join([*values.tolist(), ""]).encode())
         else:
             settled = np.where(np.isnan(values), np.nan, values) + 0.0  # one NaN and one zero of the many there are
             digest.update(np.ascontiguousarray(settled, dtype="<f8").tobytes())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple, TypeAlias
 
@@ -248,7 +248,7 @@ class PerturbedChain:
         """(n, 3) tips [mm] at angles (n, n_joints), with values of the basis functions at the same readings."""
         motions = self.motions(x, values)
         if self.is_constant(x):
-            return self.chain.with_motions(motions[:, :, 0]).tip_in_base(angles)
+            return _moved(self.chain, motions[:, :, 0].tobytes()).tip_in_base(angles)
         return self.chain.tip_in_base(angles, motions.transpose(2, 0, 1))
 
     def derivatives(self, state: ArmState, x: FloatArray) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
@@ -442,6 +442,12 @@ def _dense_series(bases: list[Harmonics]) -> list[Harmonics]:
             found.append(basis)
             orders.update(basis.orders)
     return found if 2 * len(orders) > MOST_NARROW else []
+
+
+@lru_cache(maxsize=16)
+def _moved(chain: Chain, motions: bytes) -> Chain:
+    """With constant motions (n_places, 6), which are those of every chunk of readings."""
+    return chain.with_motions(np.frombuffer(motions).reshape(-1, 6).copy())
 
 
 def moved_chain(chain: Chain, state: ArmState, motions: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
