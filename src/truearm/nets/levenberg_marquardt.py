@@ -363,7 +363,8 @@ def _trace_of_variances(evidence: Evidence, gram: Array) -> float:
         try:
             # With A = L L^T the trace is the sum of squares of L^-1, which costs a sixth of the whole inverse.
             # Transposed, rows are the columns that LAPACK wants: there are no copies, which take half of the time.
-            inverse, _ = dtrtri(cholesky(precision.T, lower=True, overwrite_a=True, check_finite=False), lower=1)
+            lower = cholesky(precision.T, lower=True, overwrite_a=True, check_finite=False)
+            inverse, _ = dtrtri(lower, lower=1, overwrite_c=1)
             return float(np.vdot(inverse.T, inverse.T))
         except LinAlgError:  # rounding made eigenvalues of undetermined directions negative
             pass
