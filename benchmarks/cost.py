@@ -130,7 +130,8 @@ def regions(poses: int = 5000, highest: int = HIGHEST) -> RowResult:
                 0.35,
             ),
             Target("largest difference of a deviation [standard deviations]", shift, 0.01),
-            Target("largest difference of a covariance, relative", wider, 1e-6),
+            # In single precision where a few in double agree to 1e-4.
+            Target("largest difference of a covariance, relative", wider, 1e-4),
         ],
     )
 

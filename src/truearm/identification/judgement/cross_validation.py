@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.sparse import csr_array, hstack, vstack
 
 from truearm.identification.estimation import perturbed_chain
@@ -540,12 +540,18 @@ class _Minimum:
             A = few[0].spread if len(few) == 1 else np.concatenate([piece.spread for piece in few])
             A = np.hstack([A, of.spread]) if of.spread.size else A  # of a large group every copy counts
             S = A @ A.T
-            if own is None and not of.n_touches and (inverse := _inverse_of_rest(S)) is not None:
-                white = inverse @ r - too_large(inverse.__matmul__, S @ r, 1 / LEAST_FREEDOM)
+            if own is None and not of.n_touches and (lower := _root_of_rest(S)) is not None:
+
+                def remaining_of(right: FloatArray) -> FloatArray:
+                    return np.asarray(dpotrs(lower, right, lower=1)[0])
+
+                white = remaining_of(r) - too_large(remaining_of, S @ r, 1 / LEAST_FREEDOM)
+                inverse = dpotri(lower, lower=1)[0]  # below the diagonal
                 for piece, at in _placed(iter(few)):
                     part, m = self.parts[piece.which], len(piece.rows)
                     of_reading = np.arange(at.start, at.stop).reshape(m, -1)
-                    blocks = inverse[of_reading[:, :, None], of_reading[:, None]] - np.eye(of_reading.shape[1])
+                    row, column = of_reading[:, :, None], of_reading[:, None]
+                    blocks = inverse[np.maximum(row, column), np.minimum(row, column)] - np.eye(of_reading.shape[1])
                     yield _held_out(part, piece.rows, white[of_reading], blocks, np.ones(m), group)
                 return
             shares, vectors = np.linalg.eigh(S)
@@ -585,13 +591,10 @@ class _Minimum:
             yield _held_out(part, piece.rows, white.reshape(len(piece.rows), -1), blocks, freedom, group)
 
 
-def _inverse_of_rest(S: FloatArray) -> FloatArray | None:
-    """``(I - S)^-1``; None where an eigenvalue of I - S is rounding."""
+def _root_of_rest(S: FloatArray) -> FloatArray | None:
+    """Cholesky's triangle of ``I - S``; None where an eigenvalue of it is rounding."""
     lower, info = dpotrf((np.eye(len(S)) - S).T, lower=1, overwrite_a=1)
-    if info or (lower.diagonal() ** 2).min() < ROUNDING:
-        return None
-    half = np.tril(dpotri(lower, lower=1, overwrite_c=1)[0])
-    return np.asarray(half + np.tril(half, -1).T)
+    return None if info or (lower.diagonal() ** 2).min() < ROUNDING else np.asarray(lower)
 
 
 def _positive_weights(part: ReferenceFit) -> FloatArray:
