@@ -35,9 +35,8 @@ from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Poses at which columns are compared, beside one for three of them, as each has three coordinates: derivatives at few
-# poses have more rounding.
-FEWEST_POSES = FEW + 1
+# Poses at which columns are compared, beside one for three of them: each has three coordinates.
+SPARE_POSES = 20
 # Angles of sliding joints there, to both sides [mm].
 TRAVEL_MM = 500.0
 # Columns of length one that are farther from the others than this are independent: rounding is 1e-15 of them, and the
@@ -94,7 +93,8 @@ class ComposedArm:
         size = np.maximum(np.linalg.norm(derivatives, axis=1), LEAST_MM)
         # Constants and harmonics are the quickest to evaluate: others are omitted first, as if they were short.
         size[~self.perturbed_chain.of_basis(Constant, Harmonics)[compared]] *= LATER
-        R, order = qr((derivatives / size[:, None]).T, mode="r", pivoting=True, check_finite=False)
+        derivatives /= size[:, None]
+        R, order = qr(derivatives.T, overwrite_a=True, mode="r", pivoting=True, check_finite=False)
         n = int(np.count_nonzero(np.abs(R.diagonal()) > INDEPENDENT))
         shares = solve_triangular(R[:n, :n], R[:n, n:], check_finite=False) * (size[order[n:]] / size[order[:n], None])
         kept, left, fewer = compared[order[:n]], compared[order[n:]], covariance.copy()
@@ -114,7 +114,7 @@ class ComposedArm:
         compared = [pair for pair in pairs if (inputs := pair[0].basis.inputs) is not None and inputs <= {"angle"}]
         terms, of_terms = [term for term, _ in compared], [columns for _, columns in compared]
         columns = np.concatenate([np.zeros(0, np.intp), *of_terms])
-        n_poses = FEWEST_POSES + len(columns) // 3
+        n_poses = max(SPARE_POSES + len(columns) // 3, FEW + 1)  # derivatives at few poses have more rounding
         state = ArmState(arm.chain, np.random.default_rng(0).uniform(-half, half, (n_poses, len(half))))
         values = {basis: basis.values(state) for basis in dict.fromkeys(term.basis for term in terms)}
         directions = np.array([term.direction for term in terms]).reshape(-1, 6)
