@@ -15,6 +15,7 @@ artefacts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -133,7 +134,7 @@ class SmallMotionProblem:
         self, which: int, x: FloatArray, values_of: Callable[[int, slice, ArmState], FloatArray]
     ) -> Iterator[LinearisedResiduals]:
         reference = self.references[which]
-        for piece in chunks(len(reference.rows), CHUNK):
+        for piece in even_chunks(len(reference.rows)):
             state = self.state.rows(reference.rows[piece])
             values = values_of(which, piece, state)
             if reference.uses_orientation:
@@ -270,7 +271,7 @@ class SmallMotionProblem:
         return sum(0.5 * float(((r.residuals / r.std) ** 2).sum()) for r in found if r is not None)
 
     def _equations(self, which: int, x: FloatArray, weights: FloatArray) -> Arrowhead:
-        pieces = chunks(len(self.references[which].rows), CHUNK)
+        pieces = even_chunks(len(self.references[which].rows))
         groups = [pieces[start::GROUPS] for start in range(min(GROUPS, len(pieces)))]
 
         def sums_of(group: list[slice]) -> GaussNewtonSums:
@@ -337,6 +338,12 @@ class SmallMotionProblem:
                 return values
             self._kept[key] = values
         return self._kept[key]
+
+
+def even_chunks(n: int) -> list[slice]:
+    """Chunks of one size: a small rest would be a chunk with a matrix of its own, which takes longer than its sums."""
+    n_chunks = max(math.ceil(n / CHUNK - 0.25), 1)
+    return chunks(n, max(math.ceil(n / n_chunks), 1))
 
 
 def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResiduals:
