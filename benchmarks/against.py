@@ -19,8 +19,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
+import numpy as np
+
 from benchmarks.rows import BLAS_THREADS, ROOT, RowResult, Rows, Target, scratch
 from truearm import fit
+from truearm.solve import trigonometric_sums
 from truearm.wings.importing import datasets
 
 ROWS = Rows()
@@ -78,34 +81,34 @@ def turns(commit: str = REFERENCE, turns: int = 3, only: str = "") -> Iterator[d
 
 @ROWS.row("products", quick={"readings": 400}, threads="one")
 def products(readings: int = 0) -> RowResult:
-    """What the products of matrices take of a physical fit, which no other work can make shorter.
+    """What products of matrices take of a physical fit, and what they would at the rate of the largest of them.
 
-    In CPU seconds of the same fit, and the operations by the sizes: of n readings and p coefficients a matrix of the
-    normal equations at each linearisation, an inverse at each weighing of the evidence, a triangle for each outer
-    region, the root of the covariance times the derivatives once for held-out readings.
+    CPU seconds of the same fit, and operations counted by the sizes. Of p coefficients: at each linearisation sums of
+    products of the sites' functions and Fourier transforms, for each outer region too; an inverse at each weighing of
+    the evidence; for each outer region a triangle and its solutions; the root of the covariance times the functions
+    for held-out readings.
     """
-    from truearm.identification.estimation import problem
     from truearm.identification.estimation.covariance_root import CovarianceRoot, WithoutData
+    from truearm.identification.estimation.problem import GaussNewtonSums
     from truearm.solve import group_evidence
 
-    of = {
-        "matrices of the normal equations": (problem.SmallMotionProblem, "normal_equations"),
-        "matrices of regions": (problem.SmallMotionProblem, "sums_of"),
-        "inverses for the evidence": (group_evidence, "_solved"),
-        "triangles without a region": (CovarianceRoot, "without"),
-        "root times derivatives": (CovarianceRoot, "times"),
-        "roots of a region": (WithoutData, "spread"),
+    of: dict[str, tuple[Any, str, Callable[..., float]]] = {
+        "sums of products": (GaussNewtonSums, "add", _of_sums),
+        "transforms": (GaussNewtonSums, "transform", _of_transforms),
+        "inverses for the evidence": (group_evidence, "_solved", lambda gram, *_: 2 / 3 * len(gram) ** 3),
+        "triangles without a region": (CovarianceRoot, "without", lambda _, gram: len(gram) ** 3 / 3),
+        "covariances in a region": (WithoutData, "covariances", lambda own, columns: columns.size * len(own.lower)),
+        "root times functions": (CovarianceRoot, "times", _of_root),
     }
-    spent = {what: [0.0, 0] for what in of}
+    spent = {what: np.zeros(3) for what in of}
 
-    def timed(what: str, work: Callable[..., Any]) -> Callable[..., Any]:
+    def timed(what: str, work: Callable[..., Any], count: Callable[..., float]) -> Callable[..., Any]:
         def run(*args: Any, **options: Any) -> Any:
-            begun = time.process_time()
+            counted, begun = count(*args) / 1e9, time.thread_time()
             try:
                 return work(*args, **options)
             finally:
-                spent[what][0] += time.process_time() - begun
-                spent[what][1] += 1
+                spent[what] += 1, time.thread_time() - begun, counted
 
         return run
 
@@ -113,16 +116,60 @@ def products(readings: int = 0) -> RowResult:
     session = session.rows(range(0, len(session), len(session) // readings)) if readings else session
     fit("ur10", session.rows(range(0, len(session), max(1, len(session) // 200))))
     with ExitStack() as patched:
-        for what, (owner, name) in of.items():
-            patched.enter_context(patch.object(owner, name, timed(what, getattr(owner, name))))
+        for what, (owner, name, count) in of.items():
+            patched.enter_context(patch.object(owner, name, timed(what, getattr(owner, name), count)))
         begun = time.process_time()
         p = len(fit("ur10", session, model="physical").model.fit_.coefficients)
         whole = time.process_time() - begun
-    table = [{"": what, "calls": n, "CPU s": seconds, "share": seconds / whole} for what, (seconds, n) in spent.items()]
-    seconds = sum(row["CPU s"] for row in table)
+    rate = 2e-9 * p**3 / _shortest(np.ones((p, p)), np.ones((p, p)))
+    dense = 3 * len(session) / 4096 * _shortest((tall := np.ones((4096, p))).T, tall)
+    table = [
+        {"": what, "calls": int(n), "CPU s": s, "share": s / whole, "GFLOP": done, "GFLOP/s": done / max(s, 1e-9)}
+        for what, (n, s, done) in spent.items()
+    ]
+    _, seconds, done = sum(spent.values())
+    table.append({"": "all of these", "CPU s": seconds, "share": seconds / whole, "GFLOP": done})
     table.append({"": "the whole fit", "calls": 1, "CPU s": whole, "share": 1.0})
-    note = f"{len(session)} readings, {p} coefficients; products together {seconds:.3g} s"
-    return RowResult(table, [Target("the whole fit over its products", whole / seconds, 1.5)], [note])
+    return RowResult(
+        table,
+        [
+            Target("the whole fit over its products", whole / seconds, 1.5),
+            Target("the whole fit over one dense product of its matrix", whole / dense, 5),
+        ],
+        [
+            f"{len(session)} readings, {p} coefficients. Two matrices of {p} x {p} are multiplied at {rate:.3g} "
+            f"GFLOP/s: at that rate the operations counted take {done / rate:.3g} s."
+        ],
+    )
+
+
+def _of_sums(sums: Any, residuals: Any, *_: object) -> float:
+    (k, m), n, wide = residuals.shape, sums.n_narrow, [span.stop - span.start for span in sums.spans]
+    transformed = {(one, other) for one, other, *_ in sums.transformed}
+    pairs = [(i, j) for i in range(len(wide)) for j in range(i, len(wide)) if (i, j) not in transformed]
+    of_pairs = sum((1 if i == j else 2) * wide[i] * wide[j] for i, j in pairs)
+    return float(m * (k * n**2 + 2 * (n + 1) * sum(wide) + of_pairs))
+
+
+def _of_transforms(sums: Any) -> float:
+    m = sum(map(len, sums.angles))
+    orders = [(one.orders, None if n == o else other.orders) for n, o, one, other in sums.transformed]
+    return float(sum(trigonometric_sums.operations(m, *both) for both in orders)) if m else 0.0
+
+
+def _of_root(root: Any, along_sites: Any, values: Any) -> float:
+    (_, k, m), (narrow, *wide) = along_sites.shape, root._columns
+    return float(m * (k * len(narrow) ** 2 + 2 * sum(of.size for of in wide)))
+
+
+def _shortest(one: Any, other: Any) -> float:
+    """CPU seconds of a product."""
+    seconds = []
+    for _ in range(5):
+        begun = time.process_time()
+        one @ other
+        seconds.append(time.process_time() - begun)
+    return min(seconds)
 
 
 def sessions() -> dict[str, Path]:

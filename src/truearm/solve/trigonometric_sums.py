@@ -65,13 +65,17 @@ def is_cheaper(m: int, one: IntArray, other: IntArray | None = None) -> bool:
     """
     if not has_transforms():
         return False
-    second = one if other is None else other
-    products = 8 * m * len(one) * len(second)
+    products = (4 if other is None else 8) * m * len(one) * len(one if other is None else other)
+    return products > SLOWNESS * operations(m, one, other)
+
+
+def operations(m: int, one: IntArray, other: IntArray | None = None) -> float:
+    """Operations of a transform of m values, for orders of two angles, or of one with itself."""
     if other is None:
-        products, grid, spread = products // 2, FINENESS * 4 * int(one.max()), WIDTH
+        grid, spread = FINENESS * 4 * int(one.max()), WIDTH
     else:
-        grid, spread = FINENESS**2 * int(np.ptp(one) + 1) * (2 * int(second.max()) + 1), WIDTH**2
-    return products > SLOWNESS * (5 * grid * math.log2(grid) + 4 * spread * m)
+        grid, spread = FINENESS**2 * int(np.ptp(one) + 1) * (2 * int(other.max()) + 1), WIDTH**2
+    return 5 * grid * math.log2(grid) + 4 * spread * m
 
 
 def weighted_products(weights: FloatArray, one: Multiples, other: Multiples | None = None) -> FloatArray:
