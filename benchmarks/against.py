@@ -130,16 +130,15 @@ def products(readings: int = 0) -> RowResult:
     _, seconds, done = sum(spent.values())
     table.append({"": "all of these", "CPU s": seconds, "share": seconds / whole, "GFLOP": done})
     table.append({"": "the whole fit", "calls": 1, "CPU s": whole, "share": 1.0})
+    note = f"{len(session)} readings, {p} coefficients. Two matrices of {p} x {p} are multiplied at {rate:.3g} "
+    note += f"GFLOP/s: at that rate the operations counted take {done / rate:.3g} s."
     return RowResult(
         table,
         [
             Target("the whole fit over its products", whole / seconds, 1.5),
             Target("the whole fit over one dense product of its matrix", whole / dense, 5),
         ],
-        [
-            f"{len(session)} readings, {p} coefficients. Two matrices of {p} x {p} are multiplied at {rate:.3g} "
-            f"GFLOP/s: at that rate the operations counted take {done / rate:.3g} s."
-        ],
+        [note],
     )
 
 
@@ -157,7 +156,7 @@ def _of_transforms(sums: Any) -> float:
     return float(sum(trigonometric_sums.operations(m, *both) for both in orders)) if m else 0.0
 
 
-def _of_root(root: Any, along_sites: Any, values: Any) -> float:
+def _of_root(root: Any, along_sites: Any, *_: object) -> float:
     (_, k, m), (narrow, *wide) = along_sites.shape, root._columns
     return float(m * (k * len(narrow) ** 2 + 2 * sum(of.size for of in wide)))
 
