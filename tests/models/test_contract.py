@@ -343,6 +343,7 @@ def test_data_frames_are_predicted_by_the_names_of_their_columns(name, readings)
     expected = MODELS[name](arm, **SMALL.get(name, {})).fit(angles, points).predict(angles, return_cov=True)
     for one, other in zip(model.predict(frame, return_cov=True), expected, strict=True):
         np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(model.predict(frame), expected[0])  # which covariances beside them do not change
     with pytest.raises(ValueError, match="feature names"):
         model.predict(frame[["q3", "q2", "q1"]])
 
