@@ -141,6 +141,16 @@ def test_a_model_is_replaced_by_one_of_the_same_arm_and_by_another_with_force(tr
     assert ta.load_model("m.truearm").arm_.serial_number == "virtual-research-2"
 
 
+def test_a_model_of_another_type_with_the_same_serial_number_is_not_replaced(truearm, bench):
+    """Virtual arms of one preset and seed have the same one, whatever their type; so may those of two makers."""
+    assert truearm("simulate", "ur5", "--poses", 30, "--seed", 1, "--out", "ur5.csv").code == 0
+    assert truearm("simulate", "ur10", "--poses", 30, "--seed", 1, "--out", "ur10.csv").code == 0
+    assert truearm("fit", "ur5.csv", "--arm", "ur5", "--model", "nominal", "--out", "m2.truearm").code == 0
+    ran = truearm("fit", "ur10.csv", "--arm", "ur10", "--model", "nominal", "--out", "m2.truearm")
+    assert "a model of another arm: arms 'ur5' and 'ur10'" in ran.err
+    assert ta.load_model("m2.truearm").arm_.name == "ur5"
+
+
 def test_a_corrected_arm_file_is_of_the_same_arm(truearm, bench):
     """Without a serial number an arm keeps its identity when its file is corrected, and loses it with its name too."""
     lines = (bench / "m.csv").read_text().splitlines()

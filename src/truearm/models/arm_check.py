@@ -154,14 +154,13 @@ def with_serial_number(arm: Arm, readings: Session) -> Arm:
 def other_arm(one: Arm, other: Arm) -> str:
     """Why two models are of different arms: the differing joints, serial numbers or names; empty if they may be of one.
 
-    Serial numbers decide where both are known. Without, an arm file that was corrected is one of the same arm: two arms
-    have other names and other kinematics.
+    Other serial numbers are other arms, but two makers may give the same one. An arm file that was corrected is one of
+    the same arm: two arms have other names and other kinematics.
     """
     if one.n_joints != other.n_joints:
         return f"{one.n_joints} and {other.n_joints} joints"
-    if one.serial_number and other.serial_number:
-        serials = one.serial_number, other.serial_number
-        return "" if serials[0] == serials[1] else f"serial numbers {serials[0]!r} and {serials[1]!r}"
+    if one.serial_number and other.serial_number and one.serial_number != other.serial_number:
+        return f"serial numbers {one.serial_number!r} and {other.serial_number!r}"
     have_kinematics = one.has_kinematics and other.has_kinematics
     if have_kinematics and one.name != other.name and kinematics_sha256(one) != kinematics_sha256(other):
         return f"arms {one.name!r} and {other.name!r}"
