@@ -337,7 +337,7 @@ class _Minimum:
 
     @property
     def is_long(self) -> bool:
-        """Whether there are so many residuals that the root of S of all is not kept."""
+        """Whether there are too many residuals to keep the root of S of all."""
         return sum(part.residuals.size for part in self.parts) > MOST_SPREAD * self.root.n_rows
 
     def spread_once(self) -> _Minimum:
