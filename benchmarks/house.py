@@ -33,18 +33,19 @@ MOST_IMPORTS, LONG_FUNCTION = 18, 60
 
 @dataclass
 class Source:
-    """A file of source: its tree, its lines of code and what it imports of truearm."""
+    """A file of source: its tree and all nodes of it, its lines of code and what it imports of truearm."""
 
     path: Path
     tree: ast.Module = field(init=False)
+    nodes: list[ast.AST] = field(init=False)
     code: int = field(init=False)
     lines: int = field(init=False)
 
     def __post_init__(self) -> None:
         text = self.path.read_text(encoding="utf-8")
         self.tree, self.lines = ast.parse(text), text.count("\n")
-        said: set[int] = set()
-        for node in ast.walk(self.tree):
+        self.nodes, said = list(ast.walk(self.tree)), set[int]()
+        for node in self.nodes:
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, clean=False):
                 said |= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
         kept = (i for i, line in enumerate(text.splitlines(), 1) if re.match(r"\s*[^\s#]", line) and i not in said)
@@ -70,10 +71,13 @@ def imports(files: dict[str, Source]) -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for name, source in files.items():
         used = set()
-        for node in ast.walk(source.tree):
+        for node in source.nodes:
             if isinstance(node, ast.ImportFrom) and node.module:
+                # A name of a package is the file of that name, or what its __init__ lists.
                 whole = {f"{node.module}.{alias.name}" for alias in node.names}
                 used |= {one if one in files else node.module for one in whole}
+            elif isinstance(node, ast.Import):
+                used |= {alias.name for alias in node.names}
         found[name] = (used & files.keys()) - {name}
     return found
 
@@ -117,7 +121,7 @@ def names_across(files: dict[str, Source], wings: dict[str, list[str]], *, back:
     found: dict[str, set[str]] = defaultdict(set)
     for name, source in files.items():
         here = wing_of(name, wings)
-        for node in ast.walk(source.tree):
+        for node in source.nodes:
             if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith("truearm"):
                 continue
             for alias in node.names:
@@ -189,7 +193,7 @@ def sizes() -> RowResult:
     files = sources(HOUSE)
     arrows = imports(files)
     words = {name: Counter(re.findall(r"\w+", ast.unparse(source.tree))) for name, source in files.items()}
-    nodes = [(name, node) for name, source in files.items() for node in ast.walk(source.tree)]
+    nodes = [(name, node) for name, source in files.items() for node in source.nodes]
     functions = [node for _, node in nodes if isinstance(node, ast.FunctionDef)]
     records = [
         node.name
@@ -321,7 +325,7 @@ def refusals() -> RowResult:
     for name, source in sources(HOUSE).items():
         if name in ("truearm.acceptance", "truearm.errors"):
             continue
-        calls = [node for node in ast.walk(source.tree) if isinstance(node, ast.Call) and node.args]
+        calls = [node for node in source.nodes if isinstance(node, ast.Call) and node.args]
         # `Readings.contradict` itself is no place that refuses, nor is the error within a contradiction a second one.
         inner = {id(node.args[0]) for node in calls if ast.unparse(node.func) == "contradict"}
         calls = [node for node in calls if not ast.unparse(node.args[0]).startswith("self.error(problem, row")]

@@ -4,7 +4,6 @@ import datetime
 import gc
 import os
 import sys
-from pathlib import Path
 
 # One thread of the linear algebra library for each worker of the suite; set before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -13,12 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from command_line import made, refused, snapshot, truearm
+from command_line import CHECKOUT, made, refused, snapshot, truearm
 
 __all__ = ["made", "refused", "snapshot", "truearm"]  # fixtures for all
 
 # The benchmarks beside the tests make inputs of some of them; last, so that no folder here hides a package.
-sys.path.append(str(Path(__file__).resolve().parents[1]))
+sys.path.append(str(CHECKOUT))
 
 # Each process that a test starts, and the next run of the suite, would read every source anew: 0.4 s of 0.9.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -45,6 +44,18 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
     gc.enable()
+
+
+@pytest.fixture(scope="session")
+def files():
+    """The source of the package by module, parsed once for all laws of it; it lives until the end, as the tests do."""
+    if not (CHECKOUT / "benchmarks").is_dir():
+        pytest.skip("benchmarks are not beside the tests")
+    from benchmarks.house import HOUSE, sources
+
+    found = sources(HOUSE)
+    gc.freeze()
+    return found
 
 
 @pytest.fixture(scope="session")

@@ -45,20 +45,9 @@ def test_contributing_names_files_that_are_there():
         assert list(CHECKOUT.glob(name)) or list((CHECKOUT / "src" / "truearm").glob(name)), name
 
 
-def test_no_files_import_each_other_in_a_circle(files):
+def test_no_files_import_each_other_in_a_circle(counts, files):
     """Late imports and those for type checkers count too: whoever reads one of the files must know the others."""
-    imports = {}
-    for module, source in files.items():
-        found = set()
-        for node in ast.walk(source.tree):
-            if isinstance(node, ast.ImportFrom) and node.module:
-                # A name of a package is the file of that name, or what its __init__ lists.
-                named = {f"{node.module}.{alias.name}" for alias in node.names}
-                found |= {name if name in files else node.module for name in named}
-            elif isinstance(node, ast.Import):
-                found |= {alias.name for alias in node.names}
-        imports[module] = (found & files.keys()) - {module}
-    graphlib.TopologicalSorter(imports).prepare()  # a CycleError names the circle
+    graphlib.TopologicalSorter(counts.imports(files)).prepare()  # a CycleError names the circle
 
 
 def test_imports_point_down():
@@ -76,16 +65,7 @@ def counts():
     readable(CHECKOUT / "house.toml")
     if not (CHECKOUT / "benchmarks").is_dir():
         pytest.skip("benchmarks are not beside the tests")
-    sys.path.insert(0, str(CHECKOUT))
-    try:
-        return importlib.import_module("benchmarks.house")
-    finally:
-        sys.path.remove(str(CHECKOUT))
-
-
-@pytest.fixture(scope="module")
-def files(counts):
-    return counts.sources(HOUSE)
+    return importlib.import_module("benchmarks.house")
 
 
 def test_no_room_outgrows_its_budget(counts, files):
@@ -211,8 +191,8 @@ def test_the_command_line_starts_without_the_heavy_packages():
 def test_nothing_in_the_house_runs_code_out_of_data(files):
     """No pickle, no eval: files come from others."""
     forbidden = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve", "cloudpickle"}
-    for path, tree in ((source.path, source.tree) for source in files.values()):
-        for node in ast.walk(tree):
+    for path, nodes in ((source.path, source.nodes) for source in files.values()):
+        for node in nodes:
             names = []
             if isinstance(node, ast.Import):
                 names = [alias.name.partition(".")[0] for alias in node.names]

@@ -77,7 +77,7 @@ def test_the_paper_cites_what_its_bibliography_has_and_is_short():
         assert all(f"{mean} / " in measured for mean in means), ours
 
 
-@pytest.mark.slow
+@pytest.mark.weekly
 def test_wheel_and_sdist_hold_what_they_must_and_nothing_else(tmp_path):
     pytest.importorskip("build", reason="pip install build makes wheel and sdist")
     done = subprocess.run(

@@ -23,12 +23,24 @@ from truearm.solve.executors import AHEAD, Dask, Processes, Serial, WorkerLost, 
 needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
 
 
+def local_cluster(n_workers, threads):
+    """A cluster of two threads, in one process or in two."""
+    distributed = pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")
+    return distributed.LocalCluster(
+        n_workers=n_workers, threads_per_worker=threads, dashboard_address=":0", worker_dashboard_address=None
+    )
+
+
 @pytest.fixture(scope="module")
 def cluster():
-    distributed = pytest.importorskip("distributed", reason="Dask is an extra: pip install 'truearm[dask]'")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=":0", worker_dashboard_address=None
-    ) as found:
+    with local_cluster(1, 2) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def cluster_of_two():
+    """One worker takes the task of the other."""
+    with local_cluster(2, 1) as found:
         yield found
 
 
@@ -104,15 +116,15 @@ def test_dask_gives_the_same(cluster):
 
 @pytest.mark.weekly
 @needs_kill
-def test_dask_gives_the_task_of_a_killed_worker_to_another(cluster, tmp_path):
+def test_dask_gives_the_task_of_a_killed_worker_to_another(cluster_of_two, tmp_path):
     tasks = [(i, str(tmp_path / "mark") if i == 1 else "") for i in range(5)]
-    assert by_number(Dask(cluster.scheduler_address), killed_once, tasks) == [0, 1, 2, 3, 4]
+    assert by_number(Dask(cluster_of_two.scheduler_address), killed_once, tasks) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.weekly
 @needs_kill
-def test_dask_gives_up_a_task_that_kills_its_workers(cluster):
-    *found, last = by_number(Dask(cluster.scheduler_address), killed_always, [0, 1, 3, 2])
+def test_dask_gives_up_a_task_that_kills_its_workers(cluster_of_two):
+    *found, last = by_number(Dask(cluster_of_two.scheduler_address), killed_always, [0, 1, 3, 2])
     assert found == [0, 1, 3]
     assert isinstance(last, WorkerLost)
 

@@ -117,23 +117,34 @@ def test_an_interrupted_fit_leaves_only_what_was_there(slow_fit, number):
     assert (folder / "net.truearm").read_bytes() == before
 
 
-def test_an_interrupted_demo_leaves_no_folder(tmp_path):
-    run = Watched("demo", "--quick", "--out", "demo", folder=tmp_path)
-    run.wait_for(b"epoch 2")
-    run.program.send_signal(signal.SIGINT)
-    code, out, err = run.end()
-    assert (code, out) == (130, "")
-    assert seen_at_the_end(err) == ["truearm: interrupted"]
-    assert not list(tmp_path.iterdir())
+@pytest.fixture
+def stopped(truearm, tmp_path, monkeypatch):
+    """Run a verb that is interrupted at its second step, standard error a terminal; what is left on that."""
+
+    def run(function, *arguments):
+        def interrupted(*_, progress, **__):
+            progress(1, "one")
+            progress(2, "two")
+            raise KeyboardInterrupt
+
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(function, interrupted)
+        ran = truearm(*arguments, terminal=True)
+        assert (ran.code, ran.out) == (130, "")
+        assert not list(tmp_path.iterdir())
+        return seen_at_the_end(ran.err)
+
+    return run
 
 
-def test_an_interrupted_test_of_virtual_arms_prints_nothing(tmp_path):
-    run = Watched("verify", "simulate", "shop", "--arms", 100_000, folder=tmp_path)
-    run.wait_for(b"virtual arms")
-    run.program.send_signal(signal.SIGINT)
-    code, out, err = run.end()
-    assert (code, out) == (130, "")
-    assert seen_at_the_end(err) == ["truearm: interrupted"]
+def test_an_interrupted_demo_leaves_no_folder(stopped):
+    arguments = ("demo", "--quick", "--out", "demo")
+    assert stopped("truearm.wings.gao2017.demo.experiment", *arguments) == ["truearm: interrupted"]
+
+
+def test_an_interrupted_test_of_virtual_arms_prints_nothing(stopped):
+    simulation = "truearm.wings.laboratory.verbs.simulate_verification.simulate_verification"
+    assert stopped(simulation, "verify", "simulate", "shop") == ["truearm: interrupted"]
 
 
 def test_interrupted_in_the_middle_of_a_file(truearm, made, tmp_path, monkeypatch):

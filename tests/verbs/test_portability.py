@@ -22,9 +22,9 @@ POSIX_NAMES = {
 }  # fmt: skip
 
 
-def guarded_names(tree: ast.AST) -> set[str]:
+def guarded_names(nodes: list[ast.AST]) -> set[str]:
     """Names that the module asks for by `hasattr` or `getattr` before it uses them."""
-    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name))
+    calls = (node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name))
     asked = (call.args[1] for call in calls if call.func.id in ("hasattr", "getattr") and len(call.args) > 1)
     return {name.value for name in asked if isinstance(name, ast.Constant)}
 
@@ -35,30 +35,34 @@ def for_one_system(nodes: list[ast.AST]) -> set[ast.AST]:
     return {inner for node in asking for inner in ast.walk(node)}
 
 
-def posix_only(text: str) -> list[str]:
-    """What a source text uses that Windows does not have."""
-    nodes = list(ast.walk(tree := ast.parse(text)))
-    skipped, found = for_one_system(nodes) if "sys.platform ==" in text else set(), []
+def posix_only(nodes: list[ast.AST]) -> list[str]:
+    """What a source uses that Windows does not have."""
+    found = []
     for node in nodes:
-        if node in skipped:
-            continue
         if isinstance(node, ast.Import):
-            found += [name.name for name in node.names if name.name in POSIX_MODULES]
+            found += [(node, name.name) for name in node.names if name.name in POSIX_MODULES]
         elif isinstance(node, ast.ImportFrom) and node.module in POSIX_MODULES:
-            found.append(str(node.module))
+            found.append((node, str(node.module)))
         elif isinstance(node, ast.Attribute) and node.attr in POSIX_NAMES.get(getattr(node.value, "id", ""), ()):
-            found.append(f"{ast.unparse(node.value)}.{node.attr}")
-    asked = guarded_names(tree) if found else set()
-    return [name for name in found if name.partition(".")[2] not in asked or "." not in name]
+            found.append((node, f"{ast.unparse(node.value)}.{node.attr}"))
+    if not found:
+        return []
+    asked, skipped = guarded_names(nodes), for_one_system(nodes)
+    used = [name for node, name in found if node not in skipped]
+    return [name for name in used if name.partition(".")[2] not in asked or "." not in name]
 
 
-def test_the_source_uses_nothing_that_windows_lacks():
-    assert sorted(posix_only("import fcntl\nos.fork()\nhasattr(os, 'uname') and os.uname()")) == ["fcntl", "os.fork"]
-    assert posix_only("def f():\n    import tty") == ["tty"]
-    assert posix_only("def f():\n    if sys.platform == 'win32':\n        return\n    import tty") == []
-    found = {str(file.relative_to(SOURCE)): posix_only(file.read_text("utf-8")) for file in SOURCE.rglob("*.py")}
+def posix_only_of(text: str) -> list[str]:
+    return sorted(posix_only(list(ast.walk(ast.parse(text)))))
+
+
+def test_the_source_uses_nothing_that_windows_lacks(files):
+    assert posix_only_of("import fcntl\nos.fork()\nhasattr(os, 'uname') and os.uname()") == ["fcntl", "os.fork"]
+    assert posix_only_of("def f():\n    import tty") == ["tty"]
+    assert posix_only_of("def f():\n    if sys.platform == 'win32':\n        return\n    import tty") == []
+    found = {module: posix_only(source.nodes) for module, source in files.items()}
     assert len(found) > 300
-    assert {file: names for file, names in found.items() if names} == {}
+    assert {module: names for module, names in found.items() if names} == {}
 
 
 def test_no_two_files_differ_in_case_alone_and_no_name_is_reserved_or_long():

@@ -3,9 +3,6 @@
 import contextlib
 import re
 import shlex
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +11,7 @@ import pytest
 from page_transcripts import BLOCK, check_printed, commands
 from truearm.files.toml_documents import parse_toml
 from truearm.readings import read_session
+from truearm.wings.bench.live_server.live import serve
 from truearm.wings.bench.sources.servo_bus import ServoDocument
 
 CHECKOUT = Path(__file__).parents[2]
@@ -63,7 +61,7 @@ def test_the_ten_lines_of_the_readme(run_page, capsys):
     )
 
 
-def test_the_commands_of_the_readme():
+def test_the_commands_of_the_readme(truearm, tmp_path, monkeypatch):
     """Those with a mark `.ci/run` runs word for word; the one without opens a page until it is interrupted."""
     text = README.read_text(encoding="utf-8")
     marked = dict(re.findall(r"<!-- ci: (\w+) -->\n```sh\n(.*?)\n```", text, flags=re.DOTALL))
@@ -71,21 +69,17 @@ def test_the_commands_of_the_readme():
     (live,) = {block.strip() for kind, _, block in BLOCK.findall(text) if kind == "sh"} - set(marked.values())
     program, *arguments = shlex.split(live)
     assert program == ".venv/bin/truearm"
-    if sys.platform == "win32":
-        pytest.skip("no interrupt of a process here")
-    page = subprocess.Popen(
-        [sys.executable, "-m", "truearm", *arguments, "--port", "0"],
-        stdout=subprocess.PIPE,
-        text=True,
-        # What a shell starts in the background ignores Ctrl-C, and so would this.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    assert page.stdout is not None
-    with page:
-        assert any("Open http://127.0.0.1:" in line for line in page.stdout)
-        page.send_signal(signal.SIGINT)
-        page.stdout.read()
-    assert page.returncode in (0, 130)
+
+    def interrupted(*given):
+        with contextlib.closing(serve(*given)) as events:
+            yield next(events)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("truearm.wings.bench.live_server.live.serve", interrupted)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    ran = truearm(*arguments, "--port", 0)
+    assert (ran.code, ran.err) == (130, "truearm: interrupted\n")
+    assert "Open http://127.0.0.1:" in ran.out
 
 
 def test_the_lines_of_python(run_page):
