@@ -24,12 +24,13 @@ from truearm.wings.camera.virtual_cell import VirtualCell, small_cell, table_of,
 BOARDS = {"A": charuco(12, 9, 20.4, 15.3), "B": charuco(10, 8, 18.0, 13.5)}
 LENSES = {"left": working_lens(), "right": working_lens(1600, 1200, 1800.0)}
 # Images of every camera with every board that it sees.
-EACH = 30
+EACH = 16
 # Of a planted number in its standard uncertainties: once in three thousand for each of some twenty.
 MOST_U = 4.0
 
 
-def cells(*, wrist: bool = False) -> dict[tuple[str, str], VirtualCell]:
+@cache
+def cells(wrist: bool) -> dict[tuple[str, str], VirtualCell]:
     """A virtual UR5 with two boards on its flange and two cameras, or a camera that stands and one on the flange."""
     one = small_cell("ur5", seed=1)
     first = replace(one, lens=LENSES["left"], board=BOARDS["A"])
@@ -59,15 +60,22 @@ def joined(of: dict[tuple[str, str], VirtualCell], seed: int = 20) -> tuple[ta.S
 
 
 @cache
-def fitted(wrist: bool = False) -> ImageFit:
-    session, pixels = joined(cells(wrist=wrist))
+def seen(wrist: bool, seed: int = 20) -> tuple[ta.Session, PixelObservations]:
+    return joined(cells(wrist), seed)
+
+
+@cache
+def fitted(wrist: bool) -> ImageFit:
+    """With other images as its test."""
+    session, pixels = seen(wrist)
     hand = ["right"] if wrist else False
-    return fit_images("ur5", session, pixels, board=BOARDS, eye_in_hand=hand, model="kinematic")
+    test = seen(wrist, 60)
+    return fit_images("ur5", session, pixels, board=BOARDS, eye_in_hand=hand, model="kinematic", test=test)
 
 
 @pytest.mark.parametrize("wrist", [False, True])
 def test_planted_cameras_and_boards_are_found_within_their_uncertainty(wrist):
-    of, found = cells(wrist=wrist), fitted(wrist)
+    of, found = cells(wrist), fitted(wrist)
     assert found.n_used == EACH * len(of)
     for k, (name, lens) in enumerate(LENSES.items()):
         own = found.poses.images.intrinsics[k]
@@ -89,7 +97,7 @@ def test_the_model_predicts_the_tip_before_every_camera(wrist):
     """Within the stated regions, at new poses, by the names of what stands and what is carried."""
     found = fitted(wrist)
     model = found.fitted.model
-    for (camera, board), cell in cells(wrist=wrist).items():
+    for (camera, board), cell in cells(wrist).items():
         angles = cell.poses(100, seed=77)
         T = cell.T_camera_board(angles, cell.virtual.motions(angles))
         carried, standing, seen = (camera, board, np.linalg.inv(T)) if cell.is_in_hand else (board, camera, T)
@@ -103,7 +111,7 @@ def test_the_model_predicts_the_tip_before_every_camera(wrist):
 
 def in_one_image() -> tuple[ta.Session, PixelObservations]:
     """Both boards before the left camera at the same poses, and the images as often."""
-    first, second, _ = cells().values()
+    first, second, _ = cells(False).values()
     session, pixels = first.table(EACH, seed=20)
     other = second.project(second.T_camera_board(session.angles, second.virtual.motions(session.angles)))
     noise = 0.2 * np.random.default_rng(3).standard_normal(other.shape)
@@ -120,7 +128,7 @@ def test_two_boards_in_one_image_share_the_error_of_the_arm():
     assert both.n_used == alone.n_used == EACH
     assert len(both.fitted.session) == 2 * EACH
     assert both.camera.U_mm > 0.7 * alone.camera.U_mm
-    true = cells()["left", "B"]
+    true = cells(False)["left", "B"]
     apart = true.T_flange_mounted[:3, 3] - true.T_flange_mounted[:3, :3] @ true.middle
     assert np.linalg.norm(both.boards[1].position_mm - apart) < 2.0 * both.boards[1].U_mm + 0.5
 
@@ -164,14 +172,14 @@ def renamed(of: PixelObservations, camera: str, board: str, new: str) -> PixelOb
     ids=["no name", "board", "camera", "mount", "both mounts", "few", "one name for two"],
 )  # fmt: skip
 def test_what_contradicts_the_table_is_refused(change, options, said, hint):
-    session, pixels = joined(cells())
+    session, pixels = seen(False)
     with pytest.raises(InputError, match=said) as error:
         fit_images("ur5", session, change(pixels), model="kinematic", **{"board": BOARDS, **options})
     assert hint in (error.value.hint or "")
 
 
 def test_messages_name_the_camera_and_the_board():
-    session, pixels = joined(cells(wrist=True))
+    session, pixels = seen(True)
     small = replace(BOARDS["B"], points=0.8 * BOARDS["B"].points)
     for options, said, hint in (
         ({}, "camera right, board B: the positions miss each other by", "--on-flange right; "),
@@ -185,7 +193,7 @@ def test_messages_name_the_camera_and_the_board():
 
 def test_a_board_with_the_numbers_of_its_sides_exchanged_is_named():
     """Whatever it is called, and not taken for one that is seen from the front."""
-    session, pixels = joined(cells())
+    session, pixels = seen(False)
     turned = charuco(9, 12, 20.4, 15.3)
     said = f"board A: the corners do not lie .* of board {turned.name}, but as those of {BOARDS['A'].name}"
     with pytest.raises(InputError, match=said) as error:
@@ -194,7 +202,7 @@ def test_a_board_with_the_numbers_of_its_sides_exchanged_is_named():
 
 
 def test_tables_of_one_text_lead_to_names_for_boards():
-    session, pixels = joined(cells())
+    session, pixels = seen(False)
     text = replace(pixels, board=np.full(len(pixels), BOARDS["A"].name))
     with pytest.raises(InputError, match="board 'A' is stated") as error:
         fit_images("ur5", session, text, board=BOARDS)
@@ -202,20 +210,20 @@ def test_tables_of_one_text_lead_to_names_for_boards():
 
 
 def test_a_board_that_a_camera_hardly_sees_is_ignored():
-    session, pixels = joined(cells())
+    session, pixels = seen(False)
     found = fit_images("ur5", session, without(pixels, "left", "B", 2), board=BOARDS, model="kinematic")
     assert "Camera left sees board B in 2 images only; ignored." in map(str, found.findings)
 
 
 def test_the_command_reads_a_table_of_each_camera(truearm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    session, pixels = joined(cells(wrist=True))
+    session, pixels = seen(True)
     session.save("joints.csv")
     for name in LENSES:
         pixels.rows(pixels.camera == name).save(f"{name}.csv")
     boards = [word for name, board in BOARDS.items() for word in ("--board", f"{name}={board.name}")]
     words = ["fit-images", "joints.csv", "left.csv", "right.csv", "--arm", "ur5", *boards, "--on-flange", "right"]
-    new, others = joined(cells(wrist=True), seed=60)
+    new, others = seen(True, 60)
     new.save("other.csv")
     others.save("others.csv")
     words += ["--model", "kinematic", "--test-images", "other.csv", "others.csv", "--camera-out", "camera.yaml"]
@@ -231,7 +239,7 @@ def test_the_command_reads_a_table_of_each_camera(truearm, tmp_path, monkeypatch
 
 def test_errors_of_poses_are_the_same_in_the_frame_of_another_camera():
     """The normalized squares of any errors, of poses that are brought into the frame of the first camera."""
-    found = fitted()
+    found = fitted(False)
     session, rng = found.poses.session(), np.random.default_rng(5)
     frames = found.fitted.model.session_frames_
     turned = to_first_session_frame(session, frames)
@@ -267,14 +275,8 @@ def test_derivatives_of_poses_by_coefficients_are_those_of_a_difference_quotient
 @pytest.mark.parametrize("wrist", [False, True])
 def test_errors_in_other_images_are_those_of_the_truth(wrist):
     """Of new images without noise, by the poses of the nominal arm and the true ones, through the found cameras."""
-    of = cells(wrist=wrist)
-    session, pixels = joined(of)
-    new, others = joined(of, seed=60)
-    hand = ["right"] if wrist else False
-    found = fit_images(
-        "ur5", session, pixels, board=BOARDS, eye_in_hand=hand, model="kinematic", test=(new, others)
-    ).test
-    assert len(found.names) == EACH * len(of)
+    found = fitted(wrist).test
+    assert len(found.names) == EACH * len(cells(wrist))
     said = found.to_dict()
     assert 0.05 < said["mean_mm"] < 0.6 * said["hand_eye_alone"]["mean_mm"]
     assert said["mean_deg"] < said["hand_eye_alone"]["mean_deg"]
@@ -285,19 +287,19 @@ def test_errors_in_other_images_are_those_of_the_truth(wrist):
 
 
 def test_images_of_the_fit_are_no_test():
-    session, pixels = joined(cells())
+    session, pixels = seen(False)
     some = pixels.rows(pixels.reading < 9)
     with pytest.raises(InputError, match=r"the test has 8 images at joints of the fit: A image 1 \(reading 1\)"):
         fit_images("ur5", session, pixels, board=BOARDS, model="kinematic", test=(session, some))
     other = replace(some, board=np.full(len(some), "C"))
-    with pytest.raises(InputError, match="C"):
+    with pytest.raises(InputError, match="board .C. is stated, and the pixels are of A, B"):
         fit_images("ur5", session, pixels, board=BOARDS, model="kinematic", test=(session, other))
 
 
 @cache
 def mounted_anew() -> tuple[ta.Session, PixelObservations]:
     """One board before two cameras, 30 mm along and 20 deg about its normal elsewhere before the second."""
-    first = cells()["left", "A"]
+    first = cells(False)["left", "A"]
     turned = Rotation.from_euler("z", 20, degrees=True).as_matrix()
     moved = first.T_flange_mounted @ motion(turned, np.array([30.0, 0.0, 0.0]))
     beside = VirtualCell.around(first.virtual, LENSES["right"], BOARDS["A"], in_hand=False, seed=5).T_world_fixed
@@ -315,11 +317,14 @@ def test_a_board_that_was_mounted_anew_between_two_cameras_is_two_boards():
     assert str(found.findings[0]).startswith("Accepted (to see): the board sits differently for camera left")
     assert "sits differently" in str(found.fitted.model.accepted_[0])
     two = replace(pixels, board=np.where(pixels.camera == "left", "A", "B"))
-    assert fit_images("ur5", session, two, board={"A": BOARDS["A"], "B": BOARDS["A"]}, model="kinematic").n_used == 60
+    assert (
+        fit_images("ur5", session, two, board={"A": BOARDS["A"], "B": BOARDS["A"]}, model="kinematic").n_used
+        == 2 * EACH
+    )
 
 
 def test_images_of_another_arm_name_it():
-    session, pixels = joined(cells(wrist=True))
+    session, pixels = seen(True)
     with pytest.raises(InputError, match="camera left, board A: the board is") as error:
         fit_images("ur10", session, pixels, board=BOARDS, eye_in_hand=["right"], model="kinematic")
     assert "put this right: the arm is ur5, not ur10 (" in (error.value.hint or "")

@@ -125,7 +125,7 @@ class CellImages:
         Raises
         ------
         InputError
-            As `of`, and if they are of another camera or board.
+            As `of`, and if they are of another camera or board, or at joints of these images.
         """
         seen = _table(readings, pixels)
         for what, known in (("camera", self.lenses), ("board", self.boards)):
@@ -144,7 +144,12 @@ class CellImages:
                 hint = "images of one camera at one resolution, uncropped"
                 raise InputError(problem, file=seen.file, column="width_px", hint=hint)
         lenses = dict(zip(self.lenses, self.images.lenses, strict=True))
-        return _images(readings, seen, self.boards, lenses, 0.0, self.in_hand, 1)
+        found = _images(readings, seen, self.boards, lenses, 0.0, self.in_hand, 1)
+        used = {row.tobytes() for row in self.readings.angles[self.rows]}
+        if again := [i for i, row in enumerate(found.readings.angles[found.rows]) if row.tobytes() in used]:
+            problem = f"the test has {number_of(len(again), 'image')} at joints of the fit: {found.called(again[0])}"
+            raise InputError(problem, hint="images at poses that are not in the fit")
+        return found
 
 
 def _table(readings: Session, pixels: PixelsLike | Sequence[PixelsLike]) -> PixelObservations:

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.rigid_motions import cross_matrix, inverse, motion
-from truearm.errors import InputError
 from truearm.findings import Finding, format_mm
 from truearm.models import IdentifiedModel
 from truearm.typing import BoolArray, FloatArray
@@ -70,16 +69,7 @@ class ImageErrors(Record):
         covariance : (n + a, n + a) array
             Of the coefficients of the model and of these.
         cell : CellImages
-
-        Raises
-        ------
-        InputError
-            If one of the readings is in the fit.
         """
-        used = {row.tobytes() for row in fitted.readings.angles[fitted.rows]}
-        if again := [i for i, row in enumerate(cell.readings.angles[cell.rows]) if row.tobytes() in used]:
-            problem = f"the test has {number_of(len(again), 'image')} at joints of the fit: {cell.called(again[0])}"
-            raise InputError(problem, hint="images at poses that are not in the fit")
         kept = cell.images.kept()
         images = replace(cell.images, u_intrinsics=fitted.images.u_intrinsics, u_scale=fitted.images.u_scale)
         start = first_poses(replace(kept, lenses=fitted.images.values(unknowns)[0]))
