@@ -72,11 +72,11 @@ def covariance_factor(covariance: FloatArray) -> FloatArray:
 def inverse_root(matrix: FloatArray, least: float, size: FloatArray | None = None) -> FloatArray:
     """R (p, r) with ``R R^T`` the pseudoinverse of a matrix (p, p).
 
-    Scaled by `unit_diagonal`, eigenvalues below a share `least` of the largest are omitted.
+    Scaled by `unit_diagonal`, eigenvalues below a share `least` of the largest, or of `size`, are omitted.
     """
     scaled, scale = unit_diagonal(matrix, size)
     values, vectors = np.linalg.eigh(scaled)
-    counts = values > least * values.max(initial=0.0)
+    counts = values > least * values.max(initial=1.0)
     return np.asarray(vectors[:, counts] / np.sqrt(values[counts]) / scale[:, None])
 
 

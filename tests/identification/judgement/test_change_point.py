@@ -9,13 +9,16 @@ from truearm.identification.judgement.change_point import (
     CLEAR_ODDS,
     NEIGHBOURS,
     SIGNIFICANCE,
+    _best,
     _Course,
     _explained,
     _limit_probability,
     _log_likelihoods,
     _long_run_ratio,
+    _margin,
     _p_value,
     _Readings,
+    _steps,
     _whitened,
     rigid_motions,
     session_changes,
@@ -232,6 +235,26 @@ def test_two_moves_are_both_found():
     assert (second.what, second.row) == ("frame", 100)
 
 
+@pytest.mark.parametrize(
+    ("seed", "moves"),
+    [
+        (23, {35: [0.01, 0.0, 0.0], 120: [0.012, 0.01, 0.0], 150: [0.0, -0.012, 0.012]}),
+        (16, {100: [0.03, 0.0, 0.0], 115: [-0.02, 0.02, 0.0], 180: [0.0, -0.02, 0.0]}),
+    ],
+)
+def test_each_of_several_changes_is_the_most_likely_one_beside_the_others(seed, moves):
+    """What one of them explains is not counted for the kind of another; the last one found is moved too."""
+    angles, motions, residuals = arm_session(300, seed)
+    for row, moved in moves.items():
+        residuals[row:] -= moved
+    both = {what: motions[what] for what in ("frame", "tip")}
+    at, margin = _Readings(angles, both, residuals, np.full((300, 3), STD**-2), np.arange(300)), _margin(300)
+    found, _ = _steps(at, margin)
+    assert len(found) > 1
+    for number, one in enumerate(found):
+        assert one == _best(at, found[:number] + found[number + 1 :], margin, steps=True)[0]
+
+
 def test_a_slip_about_the_first_axis_is_a_motion_of_the_frame_too():
     """A small one: the odds say that both explain it."""
     angles, motions, residuals = arm_session(60, 7)
@@ -267,6 +290,30 @@ def test_residuals_less_what_is_smooth_are_those_of_least_squares(rng):
     plain = at.residuals - smooth @ np.linalg.lstsq(root * smooth, root * at.residuals, rcond=1e-9)[0]
     # Normal equations of a condition of 1e9 at most: seven digits remain.
     np.testing.assert_allclose(at.less_smooth(at.residuals), plain, atol=1e-7)
+
+
+@pytest.mark.parametrize("n_poses", [5, 10])
+def test_where_poses_repeat_constant_motions_leave_rounding_that_explains_nothing(n_poses, rng):
+    """Every reading has eight others of its own pose: constant motions have no differences from these."""
+    angles, motions, residuals = arm_session(400, 4)
+    order = rng.integers(0, n_poses, 400)
+    angles, motions = angles[order], {what: of[order] for what, of in motions.items()}
+    residuals[133:] -= [0.03, 0.0, 0.0]
+    at = _Readings(angles, motions, residuals, np.full((400, 3), STD**-2), np.arange(400))
+    found = _log_likelihoods(at, [], 20, steps=True)
+    contrast = at.contrast.toarray()
+    target = (contrast @ residuals).ravel()
+
+    def share_left(what, step):
+        moved = np.tensordot(contrast, (np.arange(400) >= step)[:, None, None] * motions[what], 1).reshape(1200, -1)
+        moved /= np.maximum(np.linalg.norm(moved, axis=0), 1e-9)
+        return ((target - moved @ np.linalg.lstsq(moved, target, rcond=1e-7)[0]) ** 2).sum() / (target @ target)
+
+    steps = range(20, 381, 30)
+    frame, tip = (np.array([share_left(what, step) for step in steps]) for what in ("frame", "tip"))
+    # The number of independent coordinates is the same at every step; 6 motions cost more than 3.
+    freedom = 2 * (found["frame"][::30] - found["tip"][::30] + 1.5 * np.log(400)) / np.log(tip / frame)
+    np.testing.assert_allclose(freedom, freedom[0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("alike", [True, False])
