@@ -11,18 +11,23 @@ from truearm.wings.fleet.arm_list import read_arm_list
 pytest.importorskip("sqlalchemy", reason="a fleet is an extra: pip install 'truearm[fleet]'")
 
 
+N_ARMS = 4
+
+
 @pytest.fixture(scope="module")
 def walked(truearm, tmp_path_factory):
-    """Where the walk was walked: twenty arms one by one."""
+    """Where the walk was walked, with the first of its twenty arms."""
     folder = tmp_path_factory.mktemp("walk")
+    made, asked = block("fleet.md", "python readings"), block("fleet.md", "console fleet")
+    assert (made.count("range(1, 21)"), asked.count("20 ")) == (1, 4)
     with contextlib.chdir(folder):
-        exec(block("fleet.md", "python readings"), {})
-        walk(truearm, block("fleet.md", "console fleet"))
+        exec(made.replace("range(1, 21)", f"range(1, {N_ARMS + 1})"), {})
+        walk(truearm, asked.replace("20 ", f"{N_ARMS} "))
     return folder
 
 
 def test_its_walk_prints_what_it_says(truearm, walked):
-    assert truearm("fleet", "status", walked / "fleet", "--json").done().out.count('"in force"') == 20
+    assert truearm("fleet", "status", walked / "fleet", "--json").done().out.count('"in force"') == N_ARMS
 
 
 @pytest.mark.weekly

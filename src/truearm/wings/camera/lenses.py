@@ -144,7 +144,8 @@ class Lens:
             Derivatives by the intrinsics, in the order of `names`.
         """
         points = np.asarray(points, dtype=float)
-        pixels, distorted, by_normal, by_coefficient, inverse = self._projected(points)
+        pixels, distorted, by_normal, inverse = self._projected(points)
+        by_coefficient = self._by_coefficient(points[:2] * inverse)
         focal = np.array([self.fx, self.fy])
         by_normal *= focal[:, None, None]
         x, y = points[:2] * inverse
@@ -159,7 +160,7 @@ class Lens:
 
     def sees(self, points: npt.ArrayLike) -> BoolArray:
         """Which points (3, n) are in front of the camera, in its image and within the range of its distortion."""
-        pixels, _, by_normal, _, _ = self._projected(np.asarray(points, dtype=float))
+        pixels, _, by_normal, _ = self._projected(np.asarray(points, dtype=float))
         # Beyond its range a polynomial folds back: the image would show the point once more, mirrored.
         rises = by_normal[0, 0] * by_normal[1, 1] - by_normal[0, 1] * by_normal[1, 0] > 0
         size = np.array([[self.width], [self.height]])
@@ -175,7 +176,7 @@ class Lens:
             angle = np.hypot(*wanted)
             found *= np.where(angle > 1e-9, np.tan(np.minimum(angle, 1.5)) / np.maximum(angle, 1e-9), 1.0)
         for _ in range(_STEPS):
-            distorted, by_normal, _ = self._distorted(found)
+            distorted, by_normal = self._distorted(found)
             miss = distorted - wanted
             if not np.nanmax(np.abs(miss), initial=0.0) > 1e-13:
                 break
@@ -194,20 +195,25 @@ class Lens:
             missed = ~(np.abs(self._distorted(found)[0] - wanted) < 1e-9).all(axis=0)
         return np.where(missed, np.nan, found)
 
-    def _projected(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Pixels, distorted directions, their derivatives by direction and coefficients, and 1 / z."""
+    def _projected(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Pixels, distorted directions, their derivatives by direction, and 1 / z."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             inverse = np.where(points[2] > 0, 1.0 / points[2], np.nan)
-            distorted, by_normal, by_coefficient = self._distorted(points[:2] * inverse)
+            distorted, by_normal = self._distorted(points[:2] * inverse)
         pixels = distorted * np.array([[self.fx], [self.fy]]) + np.array([[self.cx], [self.cy]])
-        return pixels, distorted, by_normal, by_coefficient, inverse
+        return pixels, distorted, by_normal, inverse
 
-    def _distorted(self, normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _distorted(self, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distorted directions (2, n), and their derivatives (2, 2, n) by the direction."""
         return (_brown if self.kind == "brown" else _fisheye)(normal, np.asarray(self.coefficients, dtype=float))
 
+    def _by_coefficient(self, normal: FloatArray) -> FloatArray:
+        """Derivatives (2, p, n) of distorted directions by the coefficients."""
+        by = _brown_by_coefficient if self.kind == "brown" else _fisheye_by_coefficient
+        return by(normal, np.asarray(self.coefficients, dtype=float))
 
-def _brown(normal: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distorted directions (2, n), their derivatives (2, 2, n) by the direction and (2, p, n) by the coefficients."""
+
+def _brown(normal: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
     k1, k2, p1, p2, k3, *rational = coefficients.tolist()
     k4, k5, k6 = rational or (0.0, 0.0, 0.0)
     x, y = normal
@@ -223,17 +229,28 @@ def _brown(normal: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, Fl
     by_normal[0, 0] = radial + slope * xx + 2 * p1 * y + 6 * p2 * x
     by_normal[1, 1] = radial + slope * yy + 6 * p1 * y + 2 * p2 * x
     by_normal[0, 1] = by_normal[1, 0] = slope * xy + 2 * p1 * x + 2 * p2 * y
+    return distorted, by_normal
+
+
+def _brown_by_coefficient(normal: FloatArray, coefficients: FloatArray) -> FloatArray:
+    k1, k2, _, _, k3, *rational = coefficients.tolist()
+    k4, k5, k6 = rational or (0.0, 0.0, 0.0)
+    x, y = normal
+    xx, yy, xy = x * x, y * y, x * y
+    r2 = xx + yy
+    below = 1 / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
     by_coefficient = np.empty((2, len(coefficients), normal.shape[1]))
     powers = np.stack([r2, r2 * r2, r2 * r2 * r2])
     by_coefficient[:, [0, 1, 4]] = normal[:, None] * (powers * below)
     by_coefficient[0, 2], by_coefficient[0, 3] = 2 * xy, r2 + 2 * xx
     by_coefficient[1, 2], by_coefficient[1, 3] = r2 + 2 * yy, 2 * xy
     if rational:
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) * below
         by_coefficient[:, 5:] = -normal[:, None] * (powers * radial * below)
-    return distorted, by_normal, by_coefficient
+    return by_coefficient
 
 
-def _fisheye(normal: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _fisheye(normal: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
     """As `_brown`, of the equidistant model: an angle t from the axis is drawn at t (1 + k1 t^2 + .. + k4 t^8)."""
     r = np.hypot(*normal)
     small = r < 1e-6  # there tan t = t to rounding
@@ -248,8 +265,15 @@ def _fisheye(normal: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, 
     # Derivative of the scale by the radius, over the radius.
     change = np.where(small, 0.0, (slope / (1 + r * r) - scale) / (safe * safe))
     by_normal = change * normal[:, None] * normal[None] + scale * np.eye(2)[:, :, None]
-    by_coefficient = normal[:, None] * (by_radius * powers)
-    return scale * normal, by_normal, by_coefficient
+    return scale * normal, by_normal
+
+
+def _fisheye_by_coefficient(normal: FloatArray, _: FloatArray) -> FloatArray:
+    r = np.hypot(*normal)
+    t = np.arctan(r)
+    t2 = t * t
+    by_radius = np.where(r < 1e-6, 1.0, t / np.where(r < 1e-6, 1.0, r))
+    return np.asarray(normal[:, None] * (by_radius * np.stack([t2, t2**2, t2**3, t2**4])))
 
 
 def read_camera(path: str | Path) -> Lens:

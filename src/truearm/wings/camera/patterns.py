@@ -37,15 +37,20 @@ class Pattern:
     y_is_up: bool = False
 
     @cached_property
-    def _cells(self) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Edges along x and y, and which of the cells between them are black; around them all is white."""
-        x, y = (_edges(self.rectangles[:, [axis, axis + 2]]) for axis in (0, 1))
+    def edges(self) -> tuple[FloatArray, FloatArray]:
+        """Where black and white meet along x and y [mm]."""
+        return _edges(self.rectangles[:, [0, 2]]), _edges(self.rectangles[:, [1, 3]])
+
+    @cached_property
+    def _black(self) -> BoolArray:
+        """Which of the cells between the edges are black; around them all is white."""
+        x, y = self.edges
         black = np.zeros((len(y) + 1, len(x) + 1), bool)
         left, right = (np.searchsorted(x, self.rectangles[:, k] + _SAME_MM) for k in (0, 2))
         top, bottom = (np.searchsorted(y, self.rectangles[:, k] + _SAME_MM) for k in (1, 3))
         for i0, i1, j0, j1 in zip(left, right, top, bottom, strict=True):
             black[j0:j1, i0:i1] = True
-        return x, y, black
+        return black
 
     @property
     def size_mm(self) -> tuple[float, float]:
@@ -59,8 +64,8 @@ class Pattern:
 
     def is_black(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Whether the sheet is black at places [mm]; outside the pattern it is white."""
-        along_x, along_y, black = self._cells
-        return np.asarray(black[np.searchsorted(along_y, y), np.searchsorted(along_x, x)])
+        along_x, along_y = self.edges
+        return np.asarray(self._black[np.searchsorted(along_y, y), np.searchsorted(along_x, x)])
 
 
 def pattern_of(board: Board) -> Pattern:

@@ -1,7 +1,8 @@
 """Images of a printed board through a camera: for virtual cells and for tests of the detection.
 
 Each pixel is the mean of the pattern at 4 x 4 places, found by the inverse of the camera model; the pattern is exact to
-its edges. Then the image is blurred as by a lens, and has the noise of a sensor.
+its edges. Where the outermost of these places are in one cell between its edges, so are all. Then the image is blurred
+as by a lens, and has the noise of a sensor.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from truearm.typing import FloatArray
+from truearm.typing import FloatArray, IntArray
 from truearm.wings.camera.lenses import Lens
 from truearm.wings.camera.patterns import Pattern
 
@@ -66,26 +67,43 @@ class Renderer:
         rows, columns = self._box(T, scale)
         directions, by_u, by_v = (part[:, rows, columns] for part in self._directions)
         if directions.size:
-            offsets = (np.arange(ALONG) + 0.5) / ALONG - 0.5
-            total = np.zeros(directions.shape[1:])
-            for du in offsets:
-                for dv in offsets:
-                    total += self._grey(back, directions + du * by_u + dv * by_v)
-            exact[rows, columns] = total / ALONG**2
+            offsets, greys = (np.arange(ALONG) + 0.5) / ALONG - 0.5, self._cells[2]
+            first, *others = (
+                self._cell(back, directions + du * by_u + dv * by_v)
+                for du in offsets[[0, -1]]
+                for dv in offsets[[0, -1]]
+            )
+            mean = greys[first]
+            mixed = np.logical_or.reduce([one != first for one in others])
+            directions, by_u, by_v = directions[:, mixed], by_u[:, mixed], by_v[:, mixed]
+            places = (directions + du * by_u + dv * by_v for du in offsets for dv in offsets)
+            mean[mixed] = sum(greys[self._cell(back, place)] for place in places) / ALONG**2
+            exact[rows, columns] = mean
         blurred = gaussian_filter(exact, self.blur_px, mode="nearest") if self.blur_px > 0 else exact
         noise = self.noise * np.random.default_rng([seed, *b"image"]).standard_normal(exact.shape)
         return np.clip(np.round(blurred + noise), 0, 255).astype(np.uint8)
 
-    def _grey(self, back: FloatArray, directions: FloatArray) -> FloatArray:
-        """Grey values of the sheet in directions (2, h, w); `back` maps (x, y, 1) to the board's plane."""
-        x, y, w = (row[0] * directions[0] + row[1] * directions[1] + row[2] for row in back)
+    @cached_property
+    def _cells(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Edges of the paper and its pattern along x and y [mm], and the grey values of the cells, in one row."""
+        x, y = (
+            np.concatenate([[-MARGIN_MM], edges, [size + MARGIN_MM]])
+            for edges, size in zip(self.pattern.edges, self.pattern.size_mm, strict=True)
+        )
+        greys = np.full((len(y) + 1, len(x) + 1), BEHIND)
+        middles = np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2)
+        greys[1:-1, 1:-1] = np.where(self.pattern.is_black(*middles), INK, PAPER)
+        return x, y, greys.ravel()
+
+    def _cell(self, back: FloatArray, directions: FloatArray) -> IntArray:
+        """Cells of the sheet in directions (2, ..), -1 where no board is; `back` maps (x, y, 1) to its plane."""
+        u, v, w = (row[0] * directions[0] + row[1] * directions[1] + row[2] for row in back)
         with np.errstate(divide="ignore", invalid="ignore"):
-            on_board = np.stack([x / w, y / w])
-        on_board[:, ~(w > 0)] = np.nan  # NaN: the direction shows no board, or is none
+            on_board = np.stack([u / w, v / w])
         sx, sy = self.pattern.on_sheet(on_board.reshape(2, -1)).reshape(on_board.shape)
-        width, height = self.pattern.size_mm
-        on_paper = (np.abs(sx - width / 2) < width / 2 + MARGIN_MM) & (np.abs(sy - height / 2) < height / 2 + MARGIN_MM)
-        return np.where(on_paper, np.where(self.pattern.is_black(sx, sy), INK, PAPER), BEHIND)
+        x, y, _ = self._cells
+        found = np.searchsorted(y, sy) * (len(x) + 1) + np.searchsorted(x, sx)
+        return np.where(w > 0, found, -1)  # the last cell is no paper either
 
     def _box(self, T: FloatArray, scale: float) -> tuple[slice, slice]:
         """Rows and columns of the image that may show the sheet: all of them if a part of it is behind the camera."""
