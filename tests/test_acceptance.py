@@ -36,6 +36,12 @@ def contradicted(name: str) -> tuple[ta.Arm, ta.Session]:
     return replace(arm, serial_number="2"), replace(session, serial_number=np.full(30, "1"))
 
 
+@pytest.fixture(scope="module")
+def mistaken() -> ta.KinematicModel:
+    """Accepted with a wrong sign."""
+    return ta.fit(*contradicted("sign"), model="kinematic", accept=WHY).model
+
+
 CASES = ("sign", "unit", "far point", "stated uncertainty", "limits", "serial number")
 
 
@@ -54,10 +60,9 @@ def test_a_judgement_is_refused_without_a_reason_and_done_with_one(name, tmp_pat
     assert ta.load_model(tmp_path / "m.truearm").accepted_ == (one,)
 
 
-def test_what_was_accepted_in_a_fit_and_in_a_transfer_stays_with_the_model():
-    model = ta.fit(*contradicted("sign"), model="kinematic", accept=WHY).model
-    moved = ta.refit(model, contradicted("sign")[1], accept="another reason").model
-    assert moved.accepted_[0] == model.accepted_[0]
+def test_what_was_accepted_in_a_fit_and_in_a_transfer_stays_with_the_model(mistaken):
+    moved = ta.refit(mistaken, contradicted("sign")[1], accept="another reason").model
+    assert moved.accepted_[0] == mistaken.accepted_[0]
     with ta.accepting("of the block"):
         of_class = ta.NominalModel(ta.load_arm("ur10")).fit_readings(contradicted("sign")[1])
     assert [one.reason for one in of_class.accepted_] == ["of the block"]
@@ -100,9 +105,8 @@ def test_judgements_of_using_a_model_are_overridden_too():
     assert f"Accepted ({WHY})" in render(ta.report(model, session, accept=WHY).page())
 
 
-def test_pages_and_exports_of_an_accepted_model_state_the_reason(tmp_path):
-    model = ta.fit(*contradicted("sign"), model="kinematic", accept=WHY).model
-    session = contradicted("sign")[1]
+def test_pages_and_exports_of_an_accepted_model_state_the_reason(mistaken, tmp_path):
+    model, session = mistaken, contradicted("sign")[1]
     stated = f"When the model was fitted: {model.accepted_[0]}"
     for result in (ta.evaluate(model, session), ta.predict(model, session)):
         assert stated in result.remarks

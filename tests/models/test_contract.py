@@ -7,7 +7,7 @@ model's own.
 """
 
 import warnings
-from functools import partial
+from functools import cache, partial
 from unittest import mock
 
 import numpy as np
@@ -98,6 +98,9 @@ MEMBERS = [
 ]
 
 
+WEEKLY = (KinematicModel, PhysicalModel, NetworkModel)
+
+
 def check_name(value):
     return value.func.__name__ if isinstance(value, partial) else type(value).__name__
 
@@ -117,9 +120,9 @@ def estimator_checks():
     with warnings.catch_warnings():  # models have scikit-learn's protocol without its base class, which it remarks
         warnings.filterwarnings("ignore", message=".* does not inherit from", category=UserWarning)
         # The kinematic and the physical model have the protocol of the nominal one from the same class, and fit
-        # random tables slowly.
+        # random tables slowly; networks are trained in the hybrid model too.
         return [
-            pytest.param(*pair, marks=pytest.mark.weekly if isinstance(one, KinematicModel | PhysicalModel) else ())
+            pytest.param(*pair, marks=pytest.mark.weekly if isinstance(one, WEEKLY) else ())
             for one in MEMBERS
             for pair in estimator_checks_generator(one)
             if is_meant(*pair)
@@ -145,13 +148,20 @@ SMALL = {"physical": {"highest": 4}, "network": {"hidden": (5,), "epochs": 5}}
 SMALL["hybrid"] = SMALL["network"] | {"n_members": 2}
 
 
-@pytest.fixture
-def readings(rng):
+@pytest.fixture(scope="module")
+def readings():
     """Angles of the three-joint arm and its own tips in another frame, with 0.01 mm of noise."""
-    arm = zigzag(3)
+    arm, rng = zigzag(3), np.random.default_rng(20170101)
     angles = rng.uniform(-1, 1, (60, 3))
     points = arm.chain.tip_in_base(angles)[:, [1, 2, 0]] + [300.0, -200.0, 50.0] + rng.normal(0, 0.01, (60, 3))
     return arm, angles, points
+
+
+@pytest.fixture(scope="module")
+def fitted(readings):
+    """The model of a name, fitted once to all of them."""
+    arm, angles, points = readings
+    return cache(lambda name: MODELS[name](arm, **SMALL.get(name, {})).fit(angles, points))
 
 
 def test_pipeline_with_group_splits_scores_every_fold(readings):
@@ -204,19 +214,15 @@ def test_metadata_requests_need_metadata_routing(readings):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_fitting_twice_equals_fitting_once(name, readings):
-    arm, angles, points = readings
-    model = MODELS[name](arm, **SMALL.get(name, {}))
-    once = clone(model).fit(angles, points).predict(angles)
-    twice = clone(model).fit(angles[:30], points[:30]).fit(angles, points).predict(angles)
-    np.testing.assert_array_equal(once, twice)
+def test_fitting_twice_equals_fitting_once(name, readings, fitted):
+    _, angles, points = readings
+    twice = clone(fitted(name)).fit(angles[:30], points[:30]).fit(angles, points).predict(angles)
+    np.testing.assert_array_equal(fitted(name).predict(angles), twice)
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_covariance_is_symmetric_positive_and_as_long_as_the_points(name, readings):
-    arm, angles, points = readings
-    model = MODELS[name](arm, **SMALL.get(name, {}))
-    predicted, covariance = model.fit(angles, points).predict(angles[:7], return_cov=True)
+def test_covariance_is_symmetric_positive_and_as_long_as_the_points(name, readings, fitted):
+    predicted, covariance = fitted(name).predict(readings[1][:7], return_cov=True)
     assert predicted.shape == (7, 3)
     assert covariance.shape == (7, 3, 3)
     np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
@@ -291,18 +297,14 @@ def test_weights_are_one_over_the_variance(rng):
     points = arm.chain.tip_in_base(angles) + std[:, None] * rng.normal(size=(200, 3))
     model = KinematicModel(arm, robust=False)
 
-    def error(**weights):
-        return np.abs(
-            clone(model).fit(angles, points, **weights).predict(others) - arm.chain.tip_in_base(others)
-        ).mean()
+    def error(fitted):
+        return np.abs(fitted.predict(others) - arm.chain.tip_in_base(others)).mean()
 
-    weighted = clone(model).fit(angles, points, sample_weight=std**-2)
-    assert error(sample_weight=std**-2) < 0.5 * error()
+    weighted, plain = clone(model).fit(angles, points, sample_weight=std**-2), clone(model).fit(angles, points)
+    assert error(weighted) < 0.5 * error(plain)
     assert weighted.fit_.references[0].noise_std == pytest.approx(0.01, rel=0.2)
-    np.testing.assert_array_equal(
-        clone(model).fit(angles, points, sample_weight=np.full(200, 7.0)).predict(others),
-        clone(model).fit(angles, points).predict(others),
-    )
+    alike = clone(model).fit(angles, points, sample_weight=np.full(200, 7.0))
+    np.testing.assert_array_equal(alike.predict(others), plain.predict(others))
 
 
 def test_weights_of_any_size_are_no_stated_uncertainty(rng):
@@ -334,13 +336,13 @@ def test_networks_refuse_weights_with_the_reason(name, readings):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_data_frames_are_predicted_by_the_names_of_their_columns(name, readings):
+def test_data_frames_are_predicted_by_the_names_of_their_columns(name, readings, fitted):
     pd = pytest.importorskip("pandas")
     arm, angles, points = readings
     frame = pd.DataFrame(angles, columns=["q1", "q2", "q3"])
     model = MODELS[name](arm, **SMALL.get(name, {})).fit(frame, pd.DataFrame(points))
     assert model.feature_names_in_.tolist() == ["q1", "q2", "q3"]
-    expected = MODELS[name](arm, **SMALL.get(name, {})).fit(angles, points).predict(angles, return_cov=True)
+    expected = fitted(name).predict(angles, return_cov=True)
     for one, other in zip(model.predict(frame, return_cov=True), expected, strict=True):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(model.predict(frame), expected[0])  # which covariances beside them do not change
@@ -373,7 +375,7 @@ def test_a_session_is_predicted_with_all_that_it_states(kind, rng):
     """`predict` takes a session as `predict_readings` does; its angles alone are another thing where it states more."""
     arm, angles = zigzag(4), rng.uniform(-1, 1, (40, 4))
     warm = Session(angles, arm.chain.tip_in_base(angles), temperature_degC=rng.uniform(15, 25, 40))
-    model = MODELS[kind](arm).fit_readings(warm)
+    model = MODELS[kind](arm, **SMALL.get(kind, {})).fit_readings(warm)
     points, covariance = model.predict(warm, return_cov=True)
     np.testing.assert_array_equal(points, model.predict_readings(warm))
     np.testing.assert_array_equal(covariance, model.predict_readings(warm, return_cov=True)[1])

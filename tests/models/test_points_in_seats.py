@@ -24,8 +24,8 @@ def held():
     places = chain.tip_in_base(arm.working + 0.4 * rng.uniform(-1, 1, (5, 6)))
     angles, seat = [], []
     for name, place in zip("ABCDE", places, strict=True):
-        start = arm.working + 0.8 * rng.uniform(-1, 1, (60, 6))
-        found = solve_inverse_kinematics(chain, place + rng.normal(0, TOUCHED_MM, (60, 3)), start=start)
+        start = arm.working + 0.8 * rng.uniform(-1, 1, (20, 6))
+        found = solve_inverse_kinematics(chain, place + rng.normal(0, TOUCHED_MM, (20, 3)), start=start)
         angles.append(found.angles[found.reached][:10])
         seat += [name] * 10
     angles = np.concatenate(angles)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from test_html import made_up_page
 
 from browser import Tab
 from html_outline import Outline
@@ -11,9 +10,9 @@ from truearm.pages.page import LabelledValue, Page, PageVerdict
 
 
 @pytest.fixture(scope="module")
-def path(tmp_path_factory):
+def path(html, tmp_path_factory):
     path = tmp_path_factory.mktemp("browser") / "page.html"
-    write_page(made_up_page(60), path)
+    path.write_text(html, encoding="utf-8")
     return path
 
 

@@ -11,71 +11,13 @@ import numpy as np
 import pytest
 
 from html_outline import HOSTILE, Outline
+from made_up_page import made_up_page
 from refusals import refuses
 from truearm.pages.drawings import error_figures as figures
 from truearm.pages.drawings import joint_figures
-from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
+from truearm.pages.drawings.workspace_figures import error_in_workspace
 from truearm.pages.html import paragraphs, render, with_places, write_page
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
-from truearm.pages.plotting import styles_of
-
-
-def made_up_page(readings=200, joints=6, seed=5):
-    """Make a page with every kind of content, of errors with plausible shapes [mm]."""
-    random = np.random.default_rng(seed)
-    angles = random.uniform(-2.5, 2.5, (readings, joints))
-    points = np.column_stack(
-        [600 * np.cos(angles[:, 0]), 600 * np.sin(angles[:, 0]), 400 + 300 * np.sin(angles[:, 1 % joints])]
-    ) + random.uniform(-90, 90, (readings, 3))
-    errors = {
-        "nominal": 0.25 * np.sin(angles[:, :1] + np.arange(3)) + 0.2 + random.normal(0, 0.01, (readings, 3)),
-        "network": random.normal(0, 0.007, (readings, 3)),
-        "kinematic": random.normal(0, 0.006, (readings, 3)),
-    }
-    lengths = {name: np.linalg.norm(e, axis=1) for name, e in errors.items()}
-    styles = styles_of(errors)
-    table = Table(
-        (Column("model"), Column("mean", "mm"), Column("p95", "mm"), Column("removed", "%"), Column("n")),
-        tuple(
-            (name, float(d.mean()), np.percentile(d, 95), None if name == "nominal" else 97.3, len(d))
-            for name, d in lengths.items()
-        ),
-        "Error of each model",
-    )
-    return Page(
-        "Error of an arm, before and after",
-        "Made up for a test",
-        summary=(
-            LabelledValue("mean error after", 0.01234, "mm", uncertainty=0.0003, limit=0.05),
-            LabelledValue("readings", readings),
-        ),
-        sections=(
-            Section("Before and after", "One.\n\nTwo.", (), (figures.before_after(lengths, styles=styles),), (table,)),
-            Section(
-                "Measured",
-                rows=(LabelledValue("temperature", 20.31, "°C", 0.12), LabelledValue("arm", "virtual")),
-                figures=(joint_figures.joint_ranges(angles), workspace(points)),
-            ),
-            Section(
-                "Errors",
-                figures=(
-                    figures.errors_by_reading(errors, styles=styles),
-                    figures.coordinates_by_reading(points, {"network": points + errors["network"]}, styles=styles),
-                    figures.error_distribution(lengths, styles=styles),
-                    joint_figures.error_against_joint(
-                        angles, {name: lengths[name] for name in ("nominal", "kinematic")}, styles=styles
-                    ),
-                    error_in_workspace(points, lengths["kinematic"], name="kinematic"),
-                ),
-            ),
-        ),
-        facts=(("truearm", "0.1"), ("data fingerprint", "sha256:" + "0123456789abcdef" * 4)),
-    )
-
-
-@pytest.fixture(scope="module")
-def html():
-    return render(made_up_page())
 
 
 def test_the_page_is_well_formed_and_holds_all_it_was_given(html):
@@ -138,7 +80,7 @@ def test_columns_of_a_group_stand_under_one_head_with_their_unit():
 
 def test_the_same_page_has_the_same_bytes_in_another_process(html, tmp_path):
     # Another process has another seed of hashes, which must not show.
-    code = "import sys; import test_html as t; t.write_page(t.made_up_page(), sys.argv[1])"
+    code = "import made_up_page as m, truearm.pages.html as h, sys; h.write_page(m.made_up_page(), sys.argv[1])"
     here = Path(__file__).parent
     path = os.pathsep.join([str(here), str(here.parent), *filter(None, sys.path)])
     subprocess.run(

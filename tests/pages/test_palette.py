@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from test_html import made_up_page
 
 from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.html import render
@@ -99,8 +98,8 @@ def colours_left(html):
     return found
 
 
-def test_figures_have_no_colour_that_dark_screens_cannot_change():
-    assert colours_left(render(made_up_page(60))) == set()
+def test_figures_have_no_colour_that_dark_screens_cannot_change(html):
+    assert colours_left(html) == set()
 
 
 def test_colours_that_mean_numbers_stay_on_light_paper():

@@ -2,9 +2,8 @@
 
 import re
 
-from test_html import made_up_page
-
 from browser import printed
+from made_up_page import made_up_page
 from truearm.pages.html import render
 from truearm.pages.page import Column, Page, Section, Table
 

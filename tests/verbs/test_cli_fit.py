@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from truearm.errors import InputError
-from truearm.models import MODELS
+from truearm.models import MODELS, PhysicalModel
 from truearm.models.model_file import load_model
 
 LENGTHS = "seat_a,seat_b,length_mm,u_mm\n"
@@ -211,7 +211,8 @@ def test_outliers_are_named_by_their_line(truearm, shop, tmp_path):
     assert sorted(line.split(",")[0] for line in far) == ["outlier: line 12", "outlier: line 43"]
 
 
-def test_terms_that_the_readings_cannot_show_are_named(truearm, made, tmp_path):
+def test_terms_that_the_readings_cannot_show_are_named(truearm, made, tmp_path, monkeypatch):
+    monkeypatch.setitem(PhysicalModel.__init__.__kwdefaults__, "highest", 4)
     command = "fit", made / "test.csv", "--arm", "gao2017", "--model", "physical", "--out", tmp_path / "m.truearm"
     short, ran = truearm(*command), truearm(*command, "--details")
     assert short.code == ran.code == 0

@@ -329,7 +329,7 @@ def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
     # The fits of these take seconds, and what they do is tested elsewhere.
     monkeypatch.setattr(demo, "PhysicalModel", demo.NominalModel)
     monkeypatch.setattr(demo, "HybridModel", lambda arm, *, seed, **options: demo.NominalModel(arm, **options))
-    monkeypatch.setattr(demo, "QUICK_SETTINGS", demo.Settings(n_train=300, n_test=50, hidden=(8,), epochs=15))
+    monkeypatch.setattr(demo, "QUICK_SETTINGS", demo.Settings(n_train=150, n_test=50, hidden=(8,), epochs=15))
     out = tmp_path / "new" / "demo"
     ran = truearm("demo", "--quick", "--seed", 3, "--out", out).done()
     assert sorted(p.name for p in out.iterdir()) == ["before_after.png", "report.html", "summary.json"]
@@ -341,7 +341,7 @@ def test_the_demo_writes_a_page_and_a_summary(truearm, tmp_path, monkeypatch):
     for errors in summary["models"].values():
         assert set(errors) == ERROR_KEYS | {"fit_seconds", "fit_cpu_seconds", "n_train", "outside"}
         assert set(errors["outside"]) == ERROR_KEYS
-        assert (errors["n_train"], errors["n"], errors["outside"]["n"]) == (300, 50, 50)
+        assert (errors["n_train"], errors["n"], errors["outside"]["n"]) == (150, 50, 50)
     assert set(summary["noise_floor"]) >= {"mean_abs_coordinate_mm", "max_abs_coordinate_mm"}
     outside = {name: m["outside"]["mean_mm"] for name, m in summary["models"].items()}
     assert outside["kinematic"] < outside["nominal"] < outside["network"]

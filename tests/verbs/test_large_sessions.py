@@ -18,7 +18,7 @@ N = 3000
 
 @pytest.fixture(scope="module")
 def session():
-    return ta.simulate("ur10", poses=N, seed=1).session
+    return ta.simulate("ur10", poses=N, seed=1, strategy="box").session
 
 
 @pytest.fixture(scope="module")

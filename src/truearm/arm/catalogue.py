@@ -86,8 +86,7 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
         return (read_mjcf if path.suffix.lower() == ".xml" else read_urdf)(path, base=base, tip=tip)
     name = None if isinstance(arm, Path) or path.suffix.lower() in _FILE_SUFFIXES else known_name(arm)
     if name is not None:
-        with resources.as_file(_files()[name]) as file:
-            return read_arm(file)
+        return _of_catalogue(name)
     if isinstance(arm, Path) or path.suffix.lower() in _FILE_SUFFIXES or len(path.parts) > 1:
         return read_arm(path)
     known, plain = _known_names(), _plain(arm)
@@ -99,6 +98,13 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
         f"there is no arm {arm!r} in the catalogue of {len(_files())} arms",
         hint=f"{nearest}; truearm arms lists all" if nearest else otherwise,
     )
+
+
+@cache
+def _of_catalogue(name: str) -> Arm:
+    """An arm of the catalogue: one object, for which what follows from it is calculated once."""
+    with resources.as_file(_files()[name]) as file:
+        return read_arm(file)
 
 
 def known_name(arm: str) -> str | None:

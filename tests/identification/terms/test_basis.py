@@ -253,6 +253,7 @@ kinds = st.sampled_from(
 keys = st.sampled_from(["joint", "orders", "functions", "axis", "link", "name", "self", ""])
 
 
+@settings(max_examples=40)
 @given(plain | st.builds(lambda kind, fields: fields | {"kind": kind}, kinds, st.dictionaries(keys, plain, max_size=3)))
 def test_hostile_data_make_a_basis_or_an_input_error(data):
     try:
