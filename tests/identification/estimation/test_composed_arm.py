@@ -74,6 +74,18 @@ def test_without_its_repeated_columns_tips_have_the_same_covariance(chain, known
     np.testing.assert_allclose(found / size, expected / size, rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("joints", [(1,), (2, 3, 4)])
+def test_columns_along_few_directions_need_more_poses(joints):
+    """Rotations about one axis move a tip along one direction, those about parallel axes in a plane."""
+    about_z, orders = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), tuple(range(1, 51))
+    gears = [Term(f"gear {joint}", joint, about_z, Harmonics(joint, orders), "gears", 1.0) for joint in joints]
+    zeros = [Term(f"zero {joint}", joint, about_z, Constant(), "zeros", 1.0) for joint in joints]
+    arm = PerturbedChain(UR10, (*zeros, *gears))
+    covariance = np.eye(arm.n_coefficients)
+    _, fewer = ComposedArm.of(arm, np.zeros(arm.n_coefficients)).without_repeated(covariance)
+    np.testing.assert_array_equal(fewer, covariance)  # each function moves the tip in its own way
+
+
 def test_columns_that_are_left_are_independent():
     """Constants of every joint repeat what its first harmonics do; formulas go first, and a triangle remains."""
     axes = [tuple(np.eye(6)[axis]) for axis in range(6)]

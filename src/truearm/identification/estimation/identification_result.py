@@ -35,13 +35,15 @@ from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# Poses at which columns are compared, beside one for three of them: each has three coordinates.
+# Poses at which columns are compared at first, beside one for three of them: each has three coordinates.
 SPARE_POSES = 20
 # Angles of sliding joints there, to both sides [mm].
 TRAVEL_MM = 500.0
 # Columns of length one that are farther from the others than this are independent: rounding is 1e-15 of them, and the
 # nearest of a UR10 are 1e-5 apart.
 INDEPENDENT = 1e-10
+# A column that others make up differs from them by less at other poses, in its length.
+SAME = 1e-7
 # A column that is shorter is rounding: it moves no tip.
 LEAST_MM = 1e-3
 LATER = 1e3
@@ -89,15 +91,11 @@ class ComposedArm:
         Coefficients of functions of nothing but the joint angles are compared. Those that are omitted have a variance
         of zero; terms of omitted coefficients alone are omitted too.
         """
-        compared, derivatives = self._derivatives_at_poses(covariance.diagonal() > 0)
-        size = np.maximum(np.linalg.norm(derivatives, axis=1), LEAST_MM)
-        # Constants and harmonics are the quickest to evaluate: others are omitted first, as if they were short.
-        size[~self.perturbed_chain.of_basis(Constant, Harmonics)[compared]] *= LATER
-        derivatives /= size[:, None]
-        R, order = qr(derivatives.T, overwrite_a=True, mode="r", pivoting=True, check_finite=False)
-        n = int(np.count_nonzero(np.abs(R.diagonal()) > INDEPENDENT))
-        shares = solve_triangular(R[:n, :n], R[:n, n:], check_finite=False) * (size[order[n:]] / size[order[:n], None])
-        kept, left, fewer = compared[order[:n]], compared[order[n:]], covariance.copy()
+        which = covariance.diagonal() > 0
+        n_poses = max(SPARE_POSES + int(which.sum()) // 3, FEW)
+        while (found := self._repeated(which, n_poses)) is None:
+            n_poses *= 2
+        (kept, left, shares), fewer = found, covariance.copy()
         fewer[kept] += shares @ fewer[left]
         fewer[:, kept] += fewer[:, left] @ shares.T
         fewer[left] = fewer[:, left] = 0.0
@@ -107,14 +105,32 @@ class ComposedArm:
         rest = PerturbedChain(self.perturbed_chain.chain, tuple(term for term, _ in remaining))
         return replace(self, perturbed_chain=rest), fewer[np.ix_(of_terms, of_terms)]
 
-    def _derivatives_at_poses(self, which: BoolArray) -> tuple[IntArray, FloatArray]:
-        """Coefficients of functions of the joint angles among some, and derivatives (.., m) of tips at random poses."""
+    def _repeated(self, which: BoolArray, n_poses: int) -> tuple[IntArray, IntArray, FloatArray] | None:
+        """Of some coefficients those to keep, those to omit, and the shares of the omitted ones that the others take.
+
+        None where they do not have these shares at other poses: along one direction a pose shows one coordinate.
+        """
+        compared, derivatives = self._derivatives_at_poses(which, n_poses + FEW)
+        elsewhere, derivatives = derivatives[..., n_poses:], derivatives[..., :n_poses].reshape(len(compared), -1)
+        size = np.maximum(np.linalg.norm(derivatives, axis=1), LEAST_MM)
+        # Constants and harmonics are the quickest to evaluate: others are omitted first, as if they were short.
+        size[~self.perturbed_chain.of_basis(Constant, Harmonics)[compared]] *= LATER
+        derivatives /= size[:, None]
+        R, order = qr(derivatives.T, overwrite_a=True, mode="r", pivoting=True, check_finite=False)
+        n = int(np.count_nonzero(np.abs(R.diagonal()) > INDEPENDENT))
+        shares = solve_triangular(R[:n, :n], R[:n, n:], check_finite=False) * (size[order[n:]] / size[order[:n], None])
+        off = elsewhere[order[n:]] - np.tensordot(shares, elsewhere[order[:n]], (0, 0))
+        if n_poses < len(compared) and (np.linalg.norm(off, axis=(1, 2)) > SAME * size[order[n:]]).any():
+            return None
+        return compared[order[:n]], compared[order[n:]], shares
+
+    def _derivatives_at_poses(self, which: BoolArray, n_poses: int) -> tuple[IntArray, FloatArray]:
+        """Coefficients of functions of the joint angles among some, and derivatives (.., 3, m) of tips at poses."""
         arm, half = self.perturbed_chain, np.where(self.chain.is_prismatic, TRAVEL_MM, np.pi)
         pairs = zip(arm.terms, arm.columns, strict=True)
         compared = [pair for pair in pairs if (inputs := pair[0].basis.inputs) is not None and inputs <= {"angle"}]
         terms, of_terms = [term for term, _ in compared], [columns for _, columns in compared]
         columns = np.concatenate([np.zeros(0, np.intp), *of_terms])
-        n_poses = max(SPARE_POSES + len(columns) // 3, FEW + 1)  # derivatives at few poses have more rounding
         state = ArmState(arm.chain, np.random.default_rng(0).uniform(-half, half, (n_poses, len(half))))
         values = {basis: basis.values(state) for basis in dict.fromkeys(term.basis for term in terms)}
         directions = np.array([term.direction for term in terms]).reshape(-1, 6)
@@ -122,7 +138,7 @@ class ComposedArm:
         along = motions @ moved_chain(self.chain, state)[1].reshape(motions.shape[1], -1)
         derivatives = np.repeat(along, list(map(len, of_terms)), axis=0)
         derivatives *= np.tile(np.concatenate([np.zeros((0, n_poses)), *(values[term.basis] for term in terms)]), 3)
-        return columns[which[columns]], derivatives[which[columns]]
+        return columns[which[columns]], derivatives[which[columns]].reshape(-1, 3, n_poses)
 
     def _motions(self, places: IntArray, directions: FloatArray) -> FloatArray:
         """(k, 6 n_places) components of the small motions of `chain` by motions at places (k,) along directions."""
