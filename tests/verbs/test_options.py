@@ -290,3 +290,13 @@ def test_garbage_is_looked_for_again_after_a_module_is_imported(module, monkeypa
     except ModuleNotFoundError:
         assert module == "truearm.none"
     assert gc.isenabled()
+
+
+def test_a_caller_who_does_not_look_for_garbage_does_not_afterwards(monkeypatch):
+    monkeypatch.delitem(sys.modules, "colorsys", raising=False)
+    gc.disable()
+    try:
+        imported("colorsys")
+        assert not gc.isenabled()
+    finally:
+        gc.enable()

@@ -399,8 +399,8 @@ class Compensator(Regressor, ABC):
         self, at: CheckedReadings, of_parameters: FloatArray, unexplained: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """The parts of `_covariance_parts` with the expansion outside the trained temperatures, in session frames."""
-        if at.session.temperature_degC is not None and self._expansion_displacements(at.session).size:
-            of_parameters = of_parameters + self.expansion_covariance(at)
+        if (growth := self._expansion_displacements(at.session)).size:
+            of_parameters = of_parameters + _covariances(growth)
         frames = self.session_frames_
         return covariances_to_session_frames(of_parameters, at.session.session, frames), covariances_to_session_frames(
             unexplained, at.session.session, frames
@@ -465,8 +465,7 @@ class Compensator(Regressor, ABC):
             [mm^2]; zeros inside the temperatures that all links had in training, where the session states none, and of
             a model with terms for growth.
         """
-        displacements = self._expansion_displacements(self.checked(readings).session)
-        return np.asarray(np.einsum("lnx,lny->nxy", displacements, displacements))
+        return _covariances(self._expansion_displacements(self.checked(readings).session))
 
     def _expansion_displacements(self, readings: Session) -> FloatArray:
         """(l, n, 3) the same as displacements of the tips by l independent expansions of variance one [mm]."""
@@ -683,6 +682,11 @@ class Compensator(Regressor, ABC):
                 f"another {different[0].strip('_')}"
             )
         return other.nominal_
+
+
+def _covariances(displacements: FloatArray) -> FloatArray:
+    """(n, 3, 3) of independent displacements (l, n, 3)."""
+    return np.asarray(np.einsum("lnx,lny->nxy", displacements, displacements))
 
 
 def no_progress(done: int, note: str) -> None:

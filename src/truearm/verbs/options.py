@@ -351,12 +351,14 @@ def imported(module: str) -> ModuleType:
     """A module, with all that it imports kept: to look for garbage there takes a twentieth of a small fit."""
     if module in sys.modules:
         return sys.modules[module]
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         return import_module(module)
     finally:
         gc.freeze()
-        gc.enable()
+        if was_enabled:
+            gc.enable()
 
 
 def parameters_described(docstring: str) -> dict[str, str]:
