@@ -76,8 +76,9 @@ def test_a_killed_process_costs_no_task(tmp_path):
 
 
 @needs_kill
-def test_a_task_that_kills_every_process_is_given_up(tmp_path):
-    *found, last = by_number(Processes(2), killed_always, [0, 1, 3, 2])
+@pytest.mark.parametrize("n", [1, pytest.param(2, marks=pytest.mark.weekly)])
+def test_a_task_that_kills_every_process_is_given_up(n):
+    *found, last = by_number(Processes(n), killed_always, [0, 1, 3, 2])
     assert found == [0, 1, 3]
     assert isinstance(last, WorkerLost)
     assert "3 times" in last.reason

@@ -45,7 +45,7 @@ def test_models_are_compared_on_surfaces(kind):
     """On two of each the model of the true arm wins; the errors are distances from the surface."""
     arm = ta.load_arm("ur10")
     virtual, rng = VirtualArm.draw(arm, load_preset("research"), seed=1), np.random.default_rng(1)
-    n, name = 50, np.array(["A", "B"] * 25)
+    n, name = 30, np.array(["A", "B"] * 15)
     centres = arm.chain.tip_in_base(arm.working + 0.3 * rng.uniform(-1, 1, (2, 6)))[np.arange(n) % 2]
     offset = rng.uniform(-80, 80, (n, 3)) * {"plane": (1, 1, 0), "line": (1, 0, 0)}.get(kind, (1, 1, 1))
     if kind == "sphere":

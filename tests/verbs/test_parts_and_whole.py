@@ -99,7 +99,7 @@ def test_remarks_of_later_files_are_counted(session, model, tmp_path):
 def physical(session):
     """Trained on one named day."""
     trained = replace(session.rows(np.arange(120)), session=np.full(120, "monday"))
-    return ta.fit("ur10", trained, model="physical").model
+    return ta.fit("ur10", trained, model="physical", highest=4).model
 
 
 NAMES = {
