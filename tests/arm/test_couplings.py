@@ -103,7 +103,8 @@ def test_a_fit_with_the_pendants_angles_is_that_with_the_joints(tmp_path):
     free = replace(load_arm("ur5"), lower=None, upper=None)
     arm = replace(free, chain=coupled().chain)
     shown = replace(session, angles=session.angles @ np.linalg.inv(arm.chain.coupling).T)
-    plain, fitted = (ta.fit(a, s, model="physical", limits="ignore", highest=4).model for a, s in ((free, session), (arm, shown)))
+    of_fit = {"model": "physical", "highest": 4, "limits": "ignore"}
+    plain, fitted = (ta.fit(a, s, **of_fit).model for a, s in ((free, session), (arm, shown)))
     tips = plain.predict(session.angles)
     np.testing.assert_allclose(fitted.predict(shown.angles), tips, rtol=0, atol=1e-3)  # mm; the readings have 0.03
     fitted.save(tmp_path / "m.truearm")

@@ -266,15 +266,16 @@ def test_the_options_of_a_verb_are_those_of_its_signature():
 
 
 def test_help_comes_without_the_heavy_packages():
+    """Of any of these commands: one program prints them all."""
+    commands = ("fit", "measure", "compare", "simulate")
     listed = (
-        "import sys, truearm.command_line as m\ntry:\n m.run(sys.argv[1:])\nexcept SystemExit:\n print(*sys.modules)"
+        f"import sys, truearm.command_line as m\nfor command in {commands}:\n try:\n  m.run([command, '--help'])\n"
+        " except SystemExit:\n  pass\nprint(*sys.modules)"
     )
-    for command in ("fit", "measure", "compare", "simulate"):
-        ran = subprocess.run(
-            [sys.executable, "-c", listed, command, "--help"], capture_output=True, text=True, check=True
-        )
-        assert "--json" in ran.stdout
-        assert not {"numpy", "scipy", "pandas", "sklearn", "matplotlib"} & set(ran.stdout.splitlines()[-1].split())
+    ran = subprocess.run([sys.executable, "-c", listed], capture_output=True, text=True, check=True)
+    assert ran.stdout.count("--json") >= len(commands)
+    assert all(f"Usage: truearm {command}" in ran.stdout for command in commands)
+    assert not {"numpy", "scipy", "pandas", "sklearn", "matplotlib"} & set(ran.stdout.splitlines()[-1].split())
 
 
 def test_a_command_refuses_what_its_verb_refuses():

@@ -8,7 +8,9 @@ import truearm as ta
 
 @pytest.fixture(scope="module", params=["kinematic", "physical"])
 def model(request, ur10_session, ur10_model):
-    return ur10_model if request.param == "kinematic" else ta.fit("ur10", ur10_session, model="physical", highest=4).model
+    if request.param == "kinematic":
+        return ur10_model
+    return ta.fit("ur10", ur10_session, model="physical", highest=4).model
 
 
 def with_sign(angles, joint):

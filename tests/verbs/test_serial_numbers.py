@@ -1,6 +1,7 @@
 """Two units of one type are two arms: their readings, models and histories do not mix, and both numbers are named."""
 
 from dataclasses import replace
+from functools import cache
 from hashlib import sha256
 
 import numpy as np
@@ -16,6 +17,7 @@ from truearm.wings.laboratory.standards.coordinate_origin import CoordinateOrigi
 from truearm.wings.reports.arms import describe_arm
 
 
+@cache
 def readings(unit: int, *, seed: int = 1) -> ta.Session:
     return ta.simulate(
         "measuring7", poses=20, strategy="seat", seats=4, preset="shop", seed=seed, arm_seed=unit
