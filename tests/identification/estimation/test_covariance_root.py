@@ -5,7 +5,7 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.identification.estimation import covariance_root
-from truearm.identification.estimation.covariance_root import CovarianceRoot
+from truearm.identification.estimation.covariance_root import SAME, CovarianceRoot
 from truearm.identification.estimation.perturbed_chain import FEW, MOST_NARROW, PerturbedChain
 from truearm.identification.terms import ArmState, Constant, Harmonics, Term, candidate_terms
 from truearm.typing import FloatArray
@@ -129,6 +129,26 @@ def test_data_are_taken_back_as_in_dense_algebra(rng):
     scale = np.sqrt(expected(np.maximum(shares, least)).diagonal())
     found, moved = without.shift(gradient[whole.order], least) / scale, moved / scale
     np.testing.assert_allclose(found, moved, rtol=0, atol=1e-3 * np.abs(moved).max())  # as the iteration leaves
+
+
+@pytest.mark.parametrize("hardly_known", [1e2, 1e4])
+def test_single_precision_does_not_hide_what_is_known_well(hardly_known, rng):
+    """Of displacements that are hardly known along one direction, and as well as a residual across it."""
+    perturbed_chain = perturbed_chain_of("narrow")
+    p = perturbed_chain.n_coefficients
+    turned = np.linalg.qr(rng.normal(size=(p, p)))[0]
+    information = (turned * np.array([hardly_known**-2, *np.ones(p - 1)])) @ turned.T
+    whole = CovarianceRoot.of(np.linalg.inv(information + 1e3 * np.eye(p)), perturbed_chain)
+    without = whole.without((1e3 * np.eye(p))[np.ix_(whole.order, whole.order)])
+    assert without is not None
+    across, along = rng.normal(size=(p, 3, 20)) / np.sqrt(p), np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    known = np.tensordot(turned[:, 0], across, 1)
+    columns = across - turned[:, 0, None, None] * (known - along[:, :1] * (along[:, 0] @ known))
+    spread = without.spread(columns)
+    expected = np.einsum("pkm,plm->mkl", spread, spread)
+    unit = np.linalg.inv(np.linalg.cholesky(np.eye(3) + expected))
+    off = unit @ (without.covariances(columns) - expected) @ unit.transpose(0, 2, 1)
+    np.testing.assert_allclose(off, 0.0, atol=3 * SAME)  # of all, some of which were compared
 
 
 def test_data_of_all_information_cannot_be_taken_back():

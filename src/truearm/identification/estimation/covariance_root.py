@@ -45,8 +45,8 @@ from truearm.typing import FloatArray, IntArray
 # A Krylov space of blocks of so many vectors, so many of them at least, has the large eigenvalues of a matrix along a
 # vector: their residuals are less than this share of its image.
 BLOCK, FEWEST, CONVERGED = 8, 3, 0.003
-# Variances of displacements are the same to this share.
-SAME = 1e-4
+# Covariances of displacements, with a residual of unit variance along every direction, are the same to this share.
+SAME = 1e-3
 # Share of the variance by each coefficient alone, summed, that may remain of it with their covariances: below it their
 # sum has lost ten digits of sixteen.
 LEAST_SHARE = 1e-10
@@ -311,13 +311,14 @@ class WithoutData:
     def covariances(self, columns: FloatArray) -> FloatArray:
         """(m, k, k) covariances of displacements, of derivatives (n_coefficients, k, m) by the coefficients.
 
-        In single precision where the variances of a few are the same in double to `SAME`.
+        In single precision where those of a few are the same in double to `SAME`, along every direction: what is known
+        well along one is not lost beside what is hardly known along another.
         """
         single, some = self.spread(columns.astype(np.float32)), slice(None, None, 1 + columns.shape[2] // 4)
-        double = self.spread(columns[..., some])
-        one, other = (np.einsum("pkm,pkm->m", spread, spread) for spread in (single[..., some], double))
-        spread = single if np.allclose(one, other, rtol=SAME, atol=0) else self.spread(columns)
-        return np.asarray(np.einsum("pkm,plm->mkl", spread, spread), dtype=float)
+        near, exact = (_covariances(spread) for spread in (single[..., some], self.spread(columns[..., some])))
+        unit = np.linalg.inv(np.linalg.cholesky(np.eye(columns.shape[1]) + exact))
+        is_same = (np.abs(unit @ (near - exact) @ unit.transpose(0, 2, 1)) <= SAME).all()
+        return _covariances(single if is_same else self.spread(columns))
 
     def shift(self, gradient: FloatArray, least: float) -> FloatArray:
         """(n_coefficients,) the change of the coefficients where the data of a gradient (p,) are taken back.
@@ -335,6 +336,11 @@ class WithoutData:
         too_far = factor.T @ too_large(ratio_times, factor @ gradient, 1 / least)
         found[self.whole.order] = dpotrs(self.lower, gradient, lower=1)[0] - too_far
         return found
+
+
+def _covariances(spread: FloatArray) -> FloatArray:
+    """(m, k, k) covariances of displacements by each cause (p, k, m)."""
+    return np.asarray(np.einsum("pkm,plm->mkl", spread, spread), dtype=float)
 
 
 def too_large(times: Callable[[FloatArray], FloatArray], vector: FloatArray, most: float) -> FloatArray:
