@@ -10,6 +10,7 @@ import truearm as ta
 from refusals import refuses
 from truearm.arm import write_arm
 from truearm.errors import MissingTool
+from truearm.wings.exports.formats import reduced_covariance
 from truearm.wings.exports.targets.manifest import read_manifest
 
 
@@ -141,6 +142,8 @@ def test_options_of_constants_do_not_apply_to_a_whole_model(model, session, tmp_
 @pytest.mark.parametrize("name", ["arm.c", "arm.mjs"])
 def test_foreign_code_is_not_run(model, tmp_path, name, monkeypatch):
     """A file of code is checked by its text first: only what truearm writes for this model is compiled or run."""
+    for poses in ("N_POSES", "N_BEYOND", "N_JUDGES"):
+        monkeypatch.setattr(reduced_covariance, poses, 500)
     ta.export(model, tmp_path / name)
     text = (tmp_path / name).read_text()
     number = next(found[0] for found in re.finditer(r"-?\d\.\d{15,17}", text.partition("*/")[2]))

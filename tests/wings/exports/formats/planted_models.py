@@ -105,10 +105,12 @@ def planted_model(arm: Arm, terms: list[Term] | None = None, *, seed: int = 1) -
     return model
 
 
-def empty_models(arm: Arm) -> list[ta.NominalModel | ta.KinematicModel]:
+@cache
+def empty_models() -> list[ta.NominalModel | ta.KinematicModel]:
     """Models of an arm that is as drawn, without any free constant."""
-    angles = angles_of(arm, 200)
-    points = arm.chain.tip_in_base(angles) + np.random.default_rng(3).normal(0, 0.05, (200, 3))
+    arm = ta.load_arm("ur10")
+    angles = angles_of(arm, 60)
+    points = arm.chain.tip_in_base(angles) + np.random.default_rng(3).normal(0, 0.05, (60, 3))
     models = [ta.NominalModel(arm, free=()).fit(angles, points), ta.KinematicModel(arm, free=()).fit(angles, points)]
     for model in models:
         model.fit_ = replace(

@@ -264,7 +264,7 @@ def test_the_check_of_a_file_finds_what_was_changed(ur10, source, format, name, 
 
 
 def test_an_arm_without_coefficients_is_written(source, tmp_path):
-    for model in empty_models(ta.load_arm("ur10")):
+    for model in empty_models():
         for format, name in (
             ("constants", "a.csv"),
             ("joint-offsets", "a.yaml"),

@@ -247,7 +247,7 @@ def test_a_user_s_own_basis_is_refused_and_nothing_is_written(tmp_path):
 
 
 def test_the_graph_of_an_arm_without_coefficients_gives_its_points(tmp_path):
-    for model in empty_models(ta.load_arm("ur10")):
+    for model in empty_models():
         angles = angles_of(model.arm_, 5, 1)
         assert_same_points(onnx_graph.tips(written(model, tmp_path), angles), model.predict(angles), model.arm_)
 
