@@ -168,8 +168,8 @@ def test_pipeline_with_group_splits_scores_every_fold(readings):
     arm, angles, points = readings
     pipeline = make_pipeline(FunctionTransformer(np.radians), KinematicModel(arm))
     groups = np.repeat(np.arange(12), 5)
-    scores = cross_val_score(pipeline, np.degrees(angles), points, groups=groups, cv=GroupKFold(4))
-    assert scores.shape == (4,)
+    scores = cross_val_score(pipeline, np.degrees(angles), points, groups=groups, cv=GroupKFold(2))
+    assert scores.shape == (2,)
     assert (scores > 0.999).all()  # 0.01 mm of noise in 100 mm
 
 
@@ -307,13 +307,14 @@ def test_weights_are_one_over_the_variance(rng):
     np.testing.assert_array_equal(alike.predict(others), plain.predict(others))
 
 
-def test_weights_of_any_size_are_no_stated_uncertainty(rng):
+@pytest.mark.parametrize("kind", [NominalModel, pytest.param(KinematicModel, marks=pytest.mark.weekly)])
+def test_weights_of_any_size_are_no_stated_uncertainty(kind, rng):
     """Where four readings in a hundred count, the others scatter by far less than their weights say."""
     arm = zigzag(3)
     angles = rng.uniform(-1, 1, (100, 3))
     points = arm.chain.tip_in_base(angles) + rng.normal(0, 0.01, (100, 3))
     weight = np.r_[np.ones(4), np.full(96, 1e-7)]
-    model = KinematicModel(arm).fit(angles, points, sample_weight=weight)
+    model = kind(arm).fit(angles, points, sample_weight=weight)
     assert np.isfinite(model.predict(angles)).all()
 
 
