@@ -50,7 +50,9 @@ def test_a_sliding_joint_has_steps_of_millimetres(rng):
     assert rounding_steps(5 * np.round(angles / 5), np.array([True, True])).tolist() == [0, 0]
 
 
-@pytest.mark.parametrize("scatter", [0.0, 0.03, 0.1, 0.5])
+@pytest.mark.parametrize(
+    "scatter", [0.0, pytest.param(0.03, marks=pytest.mark.weekly), pytest.param(0.1, marks=pytest.mark.weekly), 0.5]
+)
 @pytest.mark.parametrize("n", [10, 60, 3000])
 def test_only_steps_that_all_values_refuse_are_left_out_by_a_few(n, scatter, rng):
     for step in 10 ** rng.uniform(-4.5, -2, 10):

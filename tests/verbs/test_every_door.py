@@ -25,7 +25,7 @@ def line(ur10_session, tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("kind", ["nominal", "kinematic"])
+@pytest.mark.parametrize("kind", [pytest.param("nominal", marks=pytest.mark.weekly), "kinematic"])
 def test_a_model_of_every_door_is_one_that_every_command_reads(ur10_session, line, tmp_path, kind):
     out = tmp_path / "m.truearm"
     small = ta.fit("ur10", ur10_session, model=kind)

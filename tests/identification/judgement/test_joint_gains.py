@@ -68,7 +68,7 @@ def test_an_arm_with_gains_ends_at_the_noise(tmp_path):
     assert exported.format == "json"
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.weekly)])
 def test_an_arm_without_gains_has_none(seed):
     arm, training, _ = readings(np.zeros(5), seed=seed)
     assert not has_gains(ta.KinematicModel(arm).fit_readings(training))

@@ -43,7 +43,7 @@ def test_too_few_readings_tell_nothing():
     assert shares(0.0, 1, n_readings=15) == pytest.approx(UNKNOWN_SHARE)
 
 
-@pytest.mark.parametrize("lag_arcsec", [4.0, 0.0])
+@pytest.mark.parametrize("lag_arcsec", [4.0, pytest.param(0.0, marks=pytest.mark.weekly)])
 def test_the_order_of_the_readings_shows_hysteresis_that_has_no_term(lag_arcsec, rng):
     """Within 1 arcsec: noise of 0.01 mm at 0.6 m turns a joint by 0.3 in 180 coordinates; wrists move the tip less."""
     angles = measuring_poses(ARM, 60, seed=1).angles
