@@ -447,8 +447,14 @@ class TestSubdivision:
             "urscript": ("ur10", script, "made.script"),
         }
 
-    @pytest.mark.parametrize("kind", ["rapid", "krl", "urscript"])
-    @pytest.mark.parametrize("end", ["\n", "\r\n"])
+    @pytest.mark.parametrize(
+        ("kind", "end"),
+        [
+            *(("rapid", "\n"), ("krl", "\r\n"), ("urscript", "\n")),
+            *(pytest.param(kind, "\r\n", marks=pytest.mark.weekly) for kind in ("rapid", "urscript")),
+            pytest.param("krl", "\n", marks=pytest.mark.weekly),
+        ],
+    )
     def test_the_tip_keeps_to_the_line_and_every_other_byte_stays(self, tmp_path, kind, end):
         arm, text, name = self.programs()[kind]
         options = {}
@@ -499,17 +505,29 @@ class TestSubdivision:
         assert reason in found.notes[-1].partition("Not divided")[2]
         assert not re.search(rb"MoveL \[\[[^\r\n]*\s*MoveL p1,", found.content)
 
+    @pytest.fixture(scope="class")
+    @classmethod
+    def n_between(cls, tmp_path_factory):
+        """Targets between those of the program of each language, where all its moves are divided."""
+        folder, counted = tmp_path_factory.mktemp("plain"), {}
+        frames = {"urscript": written(folder, 'controller = "nominal"', "frames.toml")}
+        for kind, mark in (("krl", b"C_DIS"), ("urscript", b"r=0.005")):
+            arm, text, name = cls().programs()[kind]
+            file = written(folder, text, name)
+            found = corrected(fitted(arm), file, subdivide_mm=100.0, frames=frames.get(kind))
+            counted[kind] = found.content.count(mark)
+        return counted
+
     @pytest.mark.parametrize("what", KRL_CHANGES)
-    def test_a_move_of_krl_with_something_before_it_is_not_divided(self, tmp_path, what):
+    def test_a_move_of_krl_with_something_before_it_is_not_divided(self, tmp_path, n_between, what):
         before, after, reason = KRL_CHANGES[what]
         arm, text, _ = self.programs()["krl"]
         lines = text.split("\n")
         at = [i for i, line in enumerate(lines) if "LIN" in line][1]
-        plain = corrected(fitted(arm), written(tmp_path, text, "made.src"), subdivide_mm=100.0)
         lines[at] = before + lines[at] + after
         found = corrected(fitted(arm), written(tmp_path, "\n".join(lines), "made.src"), subdivide_mm=100.0)
         assert reason in found.notes[-1].partition("Not divided")[2]
-        assert found.content.count(b"C_DIS") < plain.content.count(b"C_DIS")
+        assert found.content.count(b"C_DIS") < n_between["krl"]
 
     def test_a_point_of_krl_that_gets_two_values_is_no_end(self, tmp_path):
         arm, text, _ = self.programs()["krl"]
@@ -521,16 +539,15 @@ class TestSubdivision:
         assert b"C_DIS" not in found.content
 
     @pytest.mark.parametrize("what", UR_CHANGES)
-    def test_a_move_of_urscript_after_something_else_is_not_divided(self, tmp_path, what):
+    def test_a_move_of_urscript_after_something_else_is_not_divided(self, tmp_path, n_between, what):
         before, reason = UR_CHANGES[what]
         arm, text, _ = self.programs()["urscript"]
         frames = written(tmp_path, 'controller = "nominal"', "frames.toml")
         moves = list(re.finditer(r"(?m)^ *movel", text))
-        plain = corrected(fitted(arm), written(tmp_path, text, "made.script"), subdivide_mm=100.0, frames=frames)
         text = text[: moves[1].start()] + before + text[moves[1].start() :]
         found = corrected(fitted(arm), written(tmp_path, text, "made.script"), subdivide_mm=100.0, frames=frames)
         assert reason in found.notes[-1].partition("Not divided")[2]
-        assert found.content.count(b"r=0.005") < plain.content.count(b"r=0.005")
+        assert found.content.count(b"r=0.005") < n_between["urscript"]
 
     def test_blends_that_would_overlap_are_left_as_they_are(self, tmp_path):
         arm, text, _ = self.programs()["urscript"]
