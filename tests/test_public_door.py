@@ -54,10 +54,9 @@ def test_a_former_name_leads_to_the_present_one():
 
 
 @pytest.mark.parametrize("verb", ["fit", "evaluate", "predict"])
-def test_a_former_name_says_where_its_attributes_are(verb, tmp_path):
+def test_a_former_name_says_where_its_attributes_are(verb, ur10_session, ur10_model, tmp_path):
     (tmp_path / "line").mkdir()
-    ta.simulate("ur10", poses=40, seed=1).session.save(tmp_path / "line" / "1.csv")
-    model = ta.fit("ur10", tmp_path / "line" / "1.csv", model="kinematic").model
+    ur10_session.save(tmp_path / "line" / "1.csv")
     with pytest.warns(DeprecationWarning, match=f"truearm.{verb}_large is truearm.{verb} now: ") as caught:
         former = getattr(ta, f"{verb}_large")
     said, folder = str(caught[0].message), tmp_path / "line"
@@ -66,23 +65,23 @@ def test_a_former_name_says_where_its_attributes_are(verb, tmp_path):
         assert "n_passes, total, effect and n_effective are in all_readings" in said
         assert "of_sample is all_readings.why_of_sample" in said
         every = found.all_readings
-        assert (every.n_passes, every.total.sums.n, every.why_of_sample) == (2, 40, "")
-        assert every.effect.factor == pytest.approx(40 / every.n_effective)
-        assert found.of_sample.n_readings == 40
+        assert (every.n_passes, every.total.sums.n, every.why_of_sample) == (2, 60, "")
+        assert every.effect.factor == pytest.approx(60 / every.n_effective)
+        assert found.of_sample.n_readings == 60
     elif verb == "evaluate":
-        found = former(model, folder)
+        found = former(ur10_model, folder)
         assert "sums.errors is sums.points" in said
         assert "n_covered, n_covered_99, variance, n_outliers, outliers and outliers_of_file" in said
         assert "of sums are in sums.applies" in said
         applies = found.sums.applies
         for name in ("n_covered", "n_covered_99", "variance", "n_outliers", "outliers", "outliers_of_file"):
             assert hasattr(applies, name)
-        assert found.sums.points["model"].n == 40
+        assert found.sums.points["model"].n == 60
         assert found.remarks
     else:
-        found = former(model, folder, tmp_path / "points.csv")
+        found = former(ur10_model, folder, tmp_path / "points.csv")
         assert "sums.n_points is sums.n, sums.unstated is unstated_u_mm, and sums.remarks is remarks" in said
-        assert (found.sums.n, found.unstated_u_mm, found.remarks) == (40, {}, ())
+        assert (found.sums.n, found.unstated_u_mm, found.remarks) == (60, {}, ())
 
 
 def test_type_checkers_see_the_same_names():
