@@ -1,5 +1,6 @@
 """``truearm verify``: from a technician's files to the verdict; wrong files are refused with what to do."""
 
+import contextlib
 import html
 import json
 import math
@@ -27,15 +28,20 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
 
 
-@pytest.fixture
-def bench(tmp_path, monkeypatch):
-    """A folder with all files of a good arm's verification."""
-    monkeypatch.chdir(tmp_path)
+def write_bench():
+    """All files of a good arm's verification."""
     Path("points.csv").write_text(Made().iso().text())
     Path("artefacts.toml").write_text(ARTEFACTS)
     Path("mpe.toml").write_text(MPE)
     Path("plan.toml").write_text(CONFIRMED_PLAN)
     Path("asme.toml").write_text(confirm(plan_text("asme-b89.4.22")))
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    """A folder with these files."""
+    monkeypatch.chdir(tmp_path)
+    write_bench()
     return tmp_path
 
 
@@ -609,10 +615,17 @@ def off(text, line, by_mm):
     return whole, ",".join([*cells[:8], repr(float(cells[8]) + by_mm), *cells[9:]])
 
 
+@pytest.fixture(scope="module")
+def good(truearm, tmp_path_factory):
+    """What is found of the good arm."""
+    with contextlib.chdir(tmp_path_factory.mktemp("good")):
+        write_bench()
+        return json.loads(truearm(*options(), "--json").out)
+
+
 @pytest.mark.parametrize("what", SLIPS)
-def test_a_blunder_is_reported_beside_the_verdict(truearm, bench, what):
+def test_a_blunder_is_reported_beside_the_verdict(truearm, bench, good, what):
     file, change, told = SLIPS[what]
-    good = json.loads(truearm(*options(), "--json").out)
     path = Path(file)
     path.write_text(change(path.read_text()))
     ran = truearm(*options(), "--json", "--page", "page.html")
