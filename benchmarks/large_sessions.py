@@ -113,6 +113,35 @@ def fits(readings: tuple[int, ...] = (100_000, 1_000_000), kind: str = "kinemati
     )
 
 
+def fitted_in_memory(n: int) -> dict[str, float]:
+    """CPU seconds of a physical fit of n readings of a virtual arm in one session, and the peak memory."""
+    session = ta.simulate("gao2017", poses=n, seed=1).session
+    made, begun = peak_bytes(), cpu_seconds()
+    found = ta.fit("gao2017", session, model="physical")
+    assert found.n_readings == n
+    return {
+        "readings": n,
+        "CPU [s]": cpu_seconds() - begun,
+        "peak [MB]": peak_bytes() / 1e6,
+        "of it readings [MB]": made / 1e6,
+    }
+
+
+@ROWS.row("in-memory", threads="one", quick={"readings": (300, 600)})
+def in_memory(readings: tuple[int, ...] = (150_000, 1_000_000)) -> RowResult:
+    """A physical fit that takes all readings of a session in memory."""
+    table = [own_process(fitted_in_memory, n) for n in readings]
+    largest = table[-1]
+    return RowResult(
+        table,
+        [
+            Target("growth of a physical fit, exponent", exponent(table, "readings", "CPU [s]"), 1.1),
+            Target(f"physical fit of {largest['readings']} readings [CPU s]", largest["CPU [s]"], 200),
+            Target(f"physical fit of {largest['readings']} readings, peak memory [MB]", largest["peak [MB]"], 2000),
+        ],
+    )
+
+
 def read_and_used(folder: str, workers: int) -> dict[str, float]:
     """CPU seconds of reading alone, as checked sessions and by pandas, and of predict and evaluate."""
     import pandas

@@ -187,6 +187,17 @@ def urdf_of(joints: list[dict]) -> str:
 # What a user types
 
 
+def test_an_arm_that_all_share_cannot_be_changed_in_place():
+    """A wrong length that a program wrote into its arm would be that of every later one."""
+    table = load_arm("ur10").table
+    for name in ("a", "d", "alpha", "theta", "beta", "b", "prismatic", "base", "flange", "tip_in_flange"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(table, name)[0] = 1.0
+    for array in (load_arm("ur10").chain.fixed, load_arm("ur10").limits):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
 def test_an_arm_is_found_by_name_or_by_path(tmp_path):
     assert load_arm("ur5").name == "ur5"
     for suffix in (".toml", ".urdf", ".TOML"):

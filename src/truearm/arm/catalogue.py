@@ -117,15 +117,9 @@ def known_name(arm: str) -> str | None:
 
 def similar_arms(arm: Arm) -> list[Arm]:
     """Other arms of the catalogue with joints like those of an arm and names like its name: ur10e beside ur10."""
-    return [one for one in _alike(arm.name) if np.array_equal(one.chain.is_prismatic, arm.chain.is_prismatic)]
-
-
-@cache
-def _alike(name: str) -> tuple[Arm, ...]:
-    """Arms with names like one of the catalogue: read once, as every fit asks for them."""
-    if name not in _files():
-        return ()
-    return tuple(load_arm(other) for other in sorted(_files()) if other != name and _is_like(other, name))
+    names = [name for name in _files() if name != arm.name and _is_like(name, arm.name)] if arm.name in _files() else []
+    loaded = [_of_catalogue(name) for name in sorted(names)]
+    return [one for one in loaded if np.array_equal(one.chain.is_prismatic, arm.chain.is_prismatic)]
 
 
 def _is_like(name: str, other: str) -> bool:

@@ -13,7 +13,7 @@ along y beside a, and keep theta.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -78,6 +78,10 @@ class DHTable:
         for name in ("beta", "b"):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros(len(self.a)))
+        for name in (one.name for one in fields(self) if one.name != "convention"):
+            value = np.array(getattr(self, name))
+            value.flags.writeable = False  # an arm of the catalogue is one for all who load it
+            object.__setattr__(self, name, value)
 
     def columns(self) -> dict[str, FloatArray]:
         """Columns as people read them, with the unit in the name: lengths [mm], angles [deg]."""
