@@ -263,6 +263,34 @@ def test_a_slip_about_the_first_axis_is_a_motion_of_the_frame_too():
         assert found.odds["J1"] + found.odds.get("frame", 0.0) > 0.9
 
 
+def test_the_kind_that_is_named_is_the_first_of_its_odds():
+    """Two joints slip within three readings: the likeliest row is one of J2, all rows together say J3."""
+    angles, motions, residuals = arm_session(84, 87)
+    course = np.interp(np.arange(84), [27, 28, 29, 30], [0.0, 0.2, 0.6, 1.0])
+    residuals += course[:, None] * (motions["J2"] @ [1e-5] + motions["J3"] @ [1.7e-5])
+    (found,) = changes_of(angles, motions, residuals)
+    assert list(found.odds) == ["J3", "J2"]
+    assert found.what == "J3"
+    assert found.first_row <= found.row <= found.last_row
+
+
+def test_an_axis_that_is_not_measured_does_not_count():
+    """Whatever stands there: the step is that of the other two axes, with the same odds."""
+    angles, motions, residuals = arm_session(80, 5)
+    residuals[33:] -= motions["J3"][33:] @ [4e-4]
+    weights = np.full((80, 3), STD**-2)
+    weights[:, 2] = 0.0
+    changes = []
+    for height in (0.0, 7.0):
+        residuals[:, 2] = height
+        changes += session_changes(angles, motions, residuals, weights, np.arange(80))
+    one, other = changes
+    assert (one.kind, one.what, one.row) == ("step", "J3", 33)
+    assert one.odds["J3"] > CLEAR_ODDS / (1 + CLEAR_ODDS)
+    # A thousandth of the stated uncertainty of J3, 1e-2 mm over 500 mm and the root of 80.
+    np.testing.assert_allclose([one.odds["J3"], *one.motion], [other.odds["J3"], *other.motion], atol=2e-9)
+
+
 def test_good_sessions_of_an_arm_are_left_alone():
     assert sum(bool(changes_of(*arm_session(50, seed))) for seed in range(100, 160)) <= 1
 

@@ -153,8 +153,7 @@ def session_changes(
     if _log_likelihood(at, [drift], found) > _log_likelihood(at, found, found):
         found, p_values = [drift], p_values[:1]
     described = [
-        _describe(at, one, [other for other in found if other is not one], margin, p_value, last_row=int(rows[-1]))
-        for one, p_value in zip(found, p_values, strict=True)
+        _describe(at, found, number, margin, p_value, last_row=int(rows[-1])) for number, p_value in enumerate(p_values)
     ]
     return sorted(described, key=lambda change: change.row)
 
@@ -533,14 +532,21 @@ def _up_to_each(columns: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _best(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> tuple[_Course, dict[str, FloatArray]]:
-    """The step or drift of the greatest likelihood beside other changes, and the log likelihoods of each kind.
+    """The most probable kind of step or drift beside other changes, at its likeliest row; log likelihoods by kind.
 
     Of steps at all rows, of drifts one.
     """
     if (found := at.likelihoods.get((steps, *others))) is None:
         found = at.likelihoods[steps, *others] = _log_likelihoods(at, others, margin, steps=steps)
-    best = max(found, key=lambda what: float(found[what].max()))
+    best = next(iter(_log_odds(found)))
     return _Course(best, margin + int(np.argmax(found[best])) if steps else 0), found
+
+
+def _log_odds(likelihoods: dict[str, FloatArray]) -> dict[str, float]:
+    """Logarithm of the probability of each kind, the most probable first: any row is as probable as any other."""
+    evidence = {what: float(logsumexp(of)) for what, of in likelihoods.items()}
+    total = float(logsumexp(list(evidence.values())))
+    return {what: of - total for what, of in sorted(evidence.items(), key=lambda one: -one[1])}
 
 
 def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> dict[str, FloatArray]:
@@ -603,27 +609,24 @@ def _log_likelihood(at: _Readings, courses: list[_Course], best: list[_Course]) 
 
 
 def _freedom(at: _Readings, courses: list[_Course]) -> float:
-    """Number of coordinates that are independent, of what some changes leave over."""
-    independent = float(_long_run_ratio(_identified(at, courses).differences).mean())
-    return 3 * int((at.weights > 0).any(axis=1).sum()) / independent
+    """Number of coordinates that are independent, of what some changes leave over on axes that were measured."""
+    left = _identified(at, courses).differences[:, (at.weights > 0).any(axis=0)]
+    return float((at.weights > 0).any(axis=1).sum() * left.shape[1] / _long_run_ratio(left).mean())
 
 
 def _describe(
-    at: _Readings, course: _Course, others: list[_Course], margin: int, p_value: float, *, last_row: int
+    at: _Readings, found: list[_Course], number: int, margin: int, p_value: float, *, last_row: int
 ) -> Change:
-    """Kind, row and size of a change beside others."""
-    steps = course.step > 0
-    likelihoods = _best(at, others, margin, steps=steps)[1]
+    """Kind, row and size of a change beside the others: as these show it, so that its odds are of this kind."""
+    steps, others = found[number].step > 0, found[:number] + found[number + 1 :]
+    course, likelihoods = _best(at, others, margin, steps=steps)
     n, rows, motions = len(at.rows), at.rows, at.motions[course.what]
-    evidence = {what: float(logsumexp(of)) for what, of in likelihoods.items()}  # any row is as probable as any other
-    total = float(logsumexp(list(evidence.values())))
-    shares = {what: float(np.exp(of - total)) for what, of in evidence.items()}
-    odds = {what: share for what, share in sorted(shares.items(), key=lambda one: -one[1]) if share > LEAST_PROBABILITY}
+    odds = {what: float(np.exp(of)) for what, of in _log_odds(likelihoods).items() if np.exp(of) > LEAST_PROBABILITY}
     motion = -_identified(at, [*others, course]).coefficients[-motions.shape[2] :]
     shift = float(np.sqrt(((motions @ motion) ** 2).sum(axis=1).mean()))
     if not steps:
         return Change("drift", course.what, odds, int(rows[n // 2]), int(rows[0]), last_row, shift, motion, p_value)
-    below = np.cumsum(np.exp(likelihoods[course.what] - evidence[course.what]))
+    below = np.cumsum(np.exp(likelihoods[course.what] - logsumexp(likelihoods[course.what])))
     first, last = (margin + int(np.searchsorted(below, share)) for share in (0.025, 0.975))
     first_row, row, last_row = (
         int(rows[at]) for at in (min(first, course.step), course.step, min(max(last, course.step), n - 1))
