@@ -1,6 +1,7 @@
 """What a command does with a file that exists: the table of docs/files.md, row by row."""
 
 import shutil
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -139,6 +140,17 @@ def test_a_model_is_replaced_by_one_of_the_same_arm_and_by_another_with_force(tr
     assert truearm("fit", "m.csv", *arguments[2:]).code == 0
     assert truearm(*arguments, "--force").code == 0
     assert ta.load_model("m.truearm").arm_.serial_number == "virtual-research-2"
+
+
+def test_a_damaged_model_is_not_replaced_without_force(truearm, refused, bench):
+    """Its arm can be read, and nothing tells whose the rest was."""
+    fit = ["fit", "m.csv", "--arm", "ur10", "--model", "nominal", "--out", "damaged.truearm"]
+    with zipfile.ZipFile("m.truearm") as whole, zipfile.ZipFile("damaged.truearm", "w") as damaged:
+        for entry in whole.infolist():
+            damaged.writestr(entry, whole.read(entry).replace(b'"training_": {', b'"training": {'))
+    refused(fit, "the file exists already, and is not one that this command writes (model", "--force to replace it")
+    assert truearm(*fit, "--force").code == 0
+    assert ta.load_model("damaged.truearm").arm_.serial_number == "virtual-research-1"
 
 
 def test_a_model_of_another_type_with_the_same_serial_number_is_not_replaced(truearm, bench):

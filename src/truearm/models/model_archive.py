@@ -31,7 +31,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from truearm import __version__
-from truearm.arm.arm import NOT_KEPT, Arm
+from truearm.arm.arm import NOT_KEPT
 from truearm.choices import ModelKind
 from truearm.errors import InputError, TruearmError
 from truearm.files.file_reading import read_limited
@@ -199,12 +199,6 @@ def decode_learned(kind: type, header: Header, arrays: Mapping[str, Array]) -> d
     if unread:
         raise InputError(f"a {header.model} model has no array {sorted(unread)[0]!r}")
     return learned
-
-
-def decode_arm(header: Header, arrays: Mapping[str, Array]) -> Arm:
-    """The arm alone, from the content of a model file."""
-    arm: Arm = _decode(Arm, header.learned["arm_"], "arm_", dict(arrays))
-    return arm
 
 
 _hints = cache(get_type_hints)

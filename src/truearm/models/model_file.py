@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_process import GROUP
@@ -22,14 +20,13 @@ from truearm.identification.terms.kernel import InducedProcess
 from truearm.models.compensator import FREE_PARTS, Compensator
 from truearm.models.hybrid import HybridModel
 from truearm.models.identified_model import IdentifiedModel, KinematicModel, NominalModel, PhysicalModel
-from truearm.models.model_archive import Array, Header, decode_arm, decode_learned, read_archive
+from truearm.models.model_archive import Array, Header, decode_learned, read_archive
 from truearm.models.network import NetworkModel
 from truearm.nets.perceptron import MinMaxScaler
 from truearm.solve.linear_algebra import add_to_diagonal, cholesky_solver, unit_diagonal
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
-T = TypeVar("T")
 # Of a covariance scaled to a unit diagonal, beyond rounding.
 MAX_ASYMMETRY = 1e-6
 LEAST_EIGENVALUE = -1e-6
@@ -63,17 +60,8 @@ def load_model(path: str | Path) -> Compensator:
     >>> ta.load_model("arm.truearm").n_train_
     20
     """
-    return _read(path, _build)
-
-
-def load_arm_of_model(path: str | Path) -> Arm:
-    """The arm of the model in a file, whose other parts are not checked against each other; see `load_model`."""
-    return _read(path, decode_arm)
-
-
-def _read(path: str | Path, build: Callable[[Header, dict[str, Array]], T]) -> T:
     try:
-        return build(*read_archive(path))
+        return _build(*read_archive(path))
     except InputError as error:
         raise error.in_file(Path(path)) from None
     except (LookupError, ValueError, TypeError, ArithmeticError) as error:

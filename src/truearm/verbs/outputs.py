@@ -107,15 +107,16 @@ def check_model_output(out: str | Path, arm: Arm | None, *inputs: str | Path | N
     Raises
     ------
     InputError
-        As `check_output`, also with `force`; without it if the file exists and is none of this arm's models.
+        As `check_output`, also with `force`; without it if the file exists and is none of this arm's models, or is
+        damaged.
     """
     from truearm.models.arm_check import other_arm
-    from truearm.models.model_file import load_arm_of_model
+    from truearm.models.model_file import load_model
 
     out = Path(out)
     check_output(out, *inputs)
     if force or not out.exists():
         return
-    kept = _read_own(out, load_arm_of_model, REPLACE)
+    kept = _read_own(out, load_model, REPLACE).arm_  # all of it: the damaged file of some arm is not of this arm
     if arm is not None and (difference := other_arm(kept, arm)):
         raise InputError(f"the file has a model of another arm: {difference}", file=out, hint=REPLACE)
