@@ -141,6 +141,21 @@ def test_a_part_beyond_the_limits_is_skipped_as_in_a_small_session(session, mode
     refuses("3 of 3 readings are outside the limits of a joint", ta.evaluate, model, folder)
 
 
+def test_readings_beyond_a_joint_limit_are_named_with_their_file(session, model, tmp_path):
+    """In a fit by lines of the files, though a sample counts its readings through all of them."""
+    path = tmp_path / "readings"
+    path.mkdir()
+    for name, row in (("a.csv", 3), ("b.csv", 7)):
+        angles = session.angles[:40].copy()
+        angles[row, 2] += 4 * np.pi
+        replace(session.rows(np.arange(40)), angles=angles).save(path / name)
+    said = "2 of 80 readings are beyond a joint limit and were skipped: line 5 of a.csv, line 9 of b.csv."
+    assert said in ta.fit("ur10", path, model="nominal").remarks
+    for remarks in (ta.evaluate(model, path).remarks, ta.predict(model, path, tmp_path / "p.csv").remarks):
+        for name in ("a.csv", "b.csv"):
+            assert any(one.startswith(f"{name}: 1 of 40 readings is beyond a joint limit") for one in remarks)
+
+
 def test_readings_of_the_training_are_recognised(session, folder, tmp_path, monkeypatch):
     own = tmp_path / "own"
     own.mkdir()

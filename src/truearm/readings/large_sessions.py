@@ -294,7 +294,9 @@ class LargeSession:
         # A line would be one of many files; a row that is not filled in is no reading.
         firsts = [start + 1 - part.first_number for part, start, own in chosen if len(own)]
         numbers = [cast(IntArray, one.numbers) + first for one, first in zip(sessions, firsts, strict=True)]
-        return replace(found, numbers=np.concatenate(numbers), by_line=False, file=self.path)
+        known = {one.name: getattr(found, one.name) for one in fields(Session)}
+        known |= {"numbers": np.concatenate(numbers), "by_line": False, "file": self.path}
+        return _OfFiles(**known, parts=self.parts)
 
     def sums(self, works: Sequence[Callable[[Session, Part], S]], label: str = "") -> Iterator[S]:
         """Iterate over the sums of the parts, in the order of the parts: what follows does not depend on the engine.
@@ -312,6 +314,22 @@ class LargeSession:
             done += part.n_readings
             if self.progress is not None:
                 self.progress(done, f"{label}{done} of {len(self)} readings")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _OfFiles(Session):
+    """Readings of several files, whose numbers count them through all parts; messages name the line of a file."""
+
+    parts: tuple[Part, ...] = ()
+
+    def called(self, row: int) -> str:
+        """See `Session.called`."""
+        n = int(cast(IntArray, self.numbers)[row]) - 1
+        for part in self.parts:
+            if n < part.n_readings:
+                return f"{'line' if isinstance(part, Lines) else 'reading'} {part.first_number + n} of {part.file.name}"
+            n -= part.n_readings
+        raise IndexError(row)
 
 
 def _rows_of_part(task: tuple[Part, IntArray]) -> Session:

@@ -6,6 +6,7 @@ The command line gives paths, so that messages name file, line and column; in Py
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -139,7 +140,14 @@ def allowed_in_part(readings: Session, arm: Arm, limits: Limits, accept: str | N
 
     How many are beyond them is judged over all parts. Where a person accepts it, it is judged in each, to skip none.
     """
-    return within_limits(readings, arm, limits, most=1.0 if accept is None else MAX_SKIPPED_SHARE)
+    allowed = within_limits(readings, arm, limits, most=1.0 if accept is None else MAX_SKIPPED_SHARE)
+    return allowed._replace(findings=of_file(allowed.findings, readings.file))
+
+
+def of_file(findings: Iterable[Finding], file: Path | None) -> tuple[Finding, ...]:
+    """Findings of a part of a session; those that name lines name its file."""
+    name, by_line = "" if file is None else f"{file.name}: ", ("joint limits", "unfilled rows")
+    return tuple(replace(one, sentence=f"{name}{one}") if one.what in by_line else one for one in findings)
 
 
 def is_model_file(path: str | Path) -> bool:

@@ -41,6 +41,7 @@ from truearm.verbs.inputs import (
     describe_outside,
     fit_findings,
     model_file_fingerprint,
+    of_file,
     payload_findings,
     to_model,
     to_model_and_session,
@@ -155,7 +156,7 @@ def _predict_part(
         one = _predicted(model, readings, conditions)
     note_line = cast(IntArray, readings.numbers)
     table = {**one.columns(), "note_file": np.full(len(readings), part.file.name), "note_line": note_line}
-    return replace(one.sums, tables=(table,))
+    return replace(one.sums, tables=(table,), findings=of_file(one.findings, readings.file))
 
 
 def _predicted(known: Compensator, readings: Session, conditions: Conditions) -> Prediction:
