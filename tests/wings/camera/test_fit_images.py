@@ -304,7 +304,7 @@ def test_pixels_that_do_not_fit_are_refused(change, said):
     cell, session, pixels = measured(False)
     with pytest.raises(InputError, match=said):
         fit_images("ur5", session, change(pixels), board=cell.board, model="kinematic")
-    with pytest.raises(InputError, match="u_camera_px"):
+    with pytest.raises(InputError, match="u_camera_px. .* Try: --camera FILE, or omit it"):
         fit_images("ur5", session, pixels, board=cell.board, u_camera_px=1.0)
 
 

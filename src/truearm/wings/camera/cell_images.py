@@ -376,7 +376,7 @@ def _lens(
             u[4:] = np.inf
         return stated, u
     if not all(is_flat[b] for b in np.unique(images.board[rows])):
-        raise InputError("a board that is not flat needs the camera's intrinsics", hint="state the camera's file")
+        raise InputError("a board that is not flat needs the camera's intrinsics", hint="--camera FILE")
     pixels = images.pixels[rows]
     at_least = (np.ceil(np.nanmax(pixels, axis=(0, 2))).astype(int) + 1).tolist()
     try:
