@@ -40,6 +40,26 @@ def test_a_nominal_arm_has_no_zeros_to_write(options):
     refuses("identifies no joint zeros", result.arm_with_zeros)
 
 
+@pytest.mark.parametrize(
+    ("arm", "said"),
+    [
+        ("ur5e", "By the training readings the arm is ur5, not ur5e: fit again with its name (--arm)."),
+        ("ur5", "times as much as nominal arms usually do; fit says why."),
+    ],
+    ids=["another drawing", "a zero that is off"],
+)
+def test_a_doubtful_arm_is_said_wherever_its_model_is_used(arm, said, tmp_path):
+    train, test = ta.simulate("ur5", poses=80, seed=1).session.split(by="row", hold_out=0.3, seed=1)
+    if arm == "ur5":
+        train, test = (replace(one, angles=one.angles + np.radians([0, 0, 5, 0, 0, 0])) for one in (train, test))
+    ta.fit(arm, train, model="kinematic").save(tmp_path / "m.truearm")
+    model = ta.load_model(tmp_path / "m.truearm")
+    for used in (ta.evaluate(model, test), ta.predict(model, test), ta.report(model, test)):
+        assert [one for one in used.remarks if said in one], used.remarks
+    model.arm_doubt_ = ""
+    assert not [one for one in ta.predict(model, test).remarks if "nominal arm" in one or "is ur5" in one]
+
+
 def test_zeros_of_an_accepted_fit_say_so():
     session = ta.simulate("ur10", poses=40, seed=1).session
     result = ta.fit("ur10", replace(session, points=25.4 * session.points), model="kinematic", accept="a try")

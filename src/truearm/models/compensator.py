@@ -105,6 +105,8 @@ class Compensator(Regressor, ABC):
         Names of the tips on the flange, in the order of the readings (see `with_tip`); empty if none was named.
     accepted_ : tuple of Acceptance
         Contradictions in its readings that a person accepted (see `truearm.accepting`).
+    arm_doubt_ : str
+        What is doubtful about the nominal arm by the training readings; empty if nothing, and of older files.
     findings_ : tuple of Finding
         What a person must know of what was identified; not in a model file.
     repeating_share_ : float
@@ -129,6 +131,7 @@ class Compensator(Regressor, ABC):
     fit_seconds_: float
     tips_: tuple[str, ...] = ()
     accepted_: tuple[Acceptance, ...] = ()
+    arm_doubt_: str = ""
     repeating_share_: float = UNKNOWN_SHARE
 
     tail_freedom_ = float("inf")
@@ -239,7 +242,7 @@ class Compensator(Regressor, ABC):
                 self.nominal_check_ = judge_description(readings, placed.fit)
         else:
             placed, self.nominal_check_ = Found(self._nominal_of(nominal), NONE_HELD_OUT), nominal.nominal_check_
-        self.nominal_ = placed.fit
+        self.nominal_, self.arm_doubt_ = placed.fit, self.nominal_check_.doubt
         self._fit(readings, placed, nominal, progress or no_progress)
         self.accepted_ = accepted(() if nominal is None else nominal.accepted_)
         self._keep_rounding(readings)

@@ -622,8 +622,9 @@ def payload_findings(training: TrainingConditions, session: Session) -> tuple[Fi
 
 
 def fit_findings(model: Compensator) -> tuple[Finding, ...]:
-    """What was accepted when the model was fitted; that its base is nominal where it learned no reference points."""
+    """What was accepted in its fit; doubt about its arm; that its base is nominal without reference points."""
     of_fit = findings_of("acceptance in the fit", accepted_in_fit(model.accepted_))
+    of_fit += findings_of("nominal arm", filter(None, [model.arm_doubt_]))
     if "base" not in model.free or not np.array_equal(model.nominal_.chain.fixed[0], model.arm_.chain.fixed[0]):
         return of_fit
     said = (

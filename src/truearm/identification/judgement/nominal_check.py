@@ -299,6 +299,14 @@ class NominalCheck:
             misses += f"; with its constants identified {self.left.distance_mm:.2g} mm remain. {self.identified}"
         return (Finding("nominal arm", misses, {"error_mm": self.error_mm, "usual_mm": self.usual_mm}),)
 
+    @property
+    def doubt(self) -> str:
+        """What whoever uses a model must know of its nominal arm, in a sentence; empty if nothing."""
+        if self.other_arm is not None:
+            return f"By the training readings {self.other_arm}: fit again with its name (--arm)."
+        misses = f"{self.error_mm:.3g} mm, {self.ratio:.1f} times as much as nominal arms usually do"
+        return f"The nominal arm misses the training readings by {misses}; fit says why." if self.findings() else ""
+
 
 UNCHECKED = NominalCheck(float("nan"), float("nan"))
 

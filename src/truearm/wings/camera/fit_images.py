@@ -139,9 +139,7 @@ def fit_images(
     """
     known, readings = to_arm(arm), to_session(session, n_joints=to_arm(arm).n_joints)
     if u_camera_px is not None and camera is None:
-        raise InputError(
-            "--u-camera (u_camera_px) is of a stated camera: none is stated", hint="--camera FILE, or omit it"
-        )
+        raise InputError("--u-camera (u_camera_px) is of a stated camera: none is", hint="--camera FILE, or omit it")
     if u_camera_px is not None and not 0 <= u_camera_px < np.inf:
         raise InputError(f"expected u_camera_px of 0 or more, got {u_camera_px}")
     known_lengths = read_lengths(lengths) if isinstance(lengths, str | Path) else lengths
