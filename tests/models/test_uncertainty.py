@@ -1,5 +1,6 @@
 """The uncertainty a model states at readings, put together, and the readings that belie it."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -113,7 +114,13 @@ def test_what_limits_is_the_largest_of_three_parts_that_add_up(model, others):
     assert np.linalg.norm(parts) == pytest.approx(2.0)
     assert found.numbers["with_more_readings_mm"] == pytest.approx(np.sqrt(4.0 - 0.75 * parameters**2))
     assert "training readings (150)" in found.sentence
-    assert "arm limits you" in str(next(what_limits(budget, camera, 5.0, model)))
+    # What the parts leave is of the arm where it repeats at like poses.
+    for share, who in ((0.9, "The arm, or else an"), (0.1, "An instrument that is less certain than stated, or else")):
+        other = copy(model)
+        other.repeating_share_ = share
+        said = str(next(what_limits(budget, camera, 5.0, other)))
+        assert said.startswith(who)
+        assert ", limits you: the instrument makes 1.6 mm" in said
     few = replace(budget, of_parameters_mm=2.0)
     assert "number of readings limits you" in str(next(what_limits(few, camera, 3.6, model)))
     # A laser tracker shows the arm's errors, and a reference of unstated uncertainty no part of its own.

@@ -11,6 +11,7 @@ import numpy as np
 from truearm.findings import Finding, format_mm
 from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.judgement.outliers import Outlier
+from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.models.compensator import Compensator, ReadingsLike
 from truearm.models.identified_model import IdentifiedModel, to_identified
 from truearm.readings import Session
@@ -150,7 +151,8 @@ def what_limits(
 
     The mean error on readings that are not those of the training has three independent parts: the instrument's own, as
     it is stated; that of the parameters, which falls with the square root of the number of training readings; and the
-    rest, which no model of the arm explains. Nothing is said of training readings, whose errors a fit has reduced.
+    rest, which no model of the arm explains. That is of the arm or of an instrument less certain than stated: what
+    repeats at like poses is an arm's. Nothing is said of training readings, whose errors a fit has reduced.
     """
     if readings.point_std is None or budget.is_relative or not budget.n_points:
         return
@@ -177,11 +179,14 @@ def what_limits(
     more = float(np.sqrt(instrument**2 + arm**2 + parameters**2 / MORE_READINGS))
     parts = {"instrument": instrument, "number of readings": parameters, "arm": arm}
     largest = max(parts, key=lambda name: parts[name])
-    n, what = trained
+    who, (n, what) = f"the {largest}", trained
+    if largest == "arm":
+        causes = who, "an instrument that is less certain than stated"
+        who = ", or else ".join(causes if model.repeating_share_ >= UNKNOWN_SHARE else causes[::-1]) + ","
     said = (
-        f"The {largest} limits you: the instrument makes {format_mm(instrument)} of the mean error "
+        f"{who[0].upper()}{who[1:]} limits you: the instrument makes {format_mm(instrument)} of the mean error "
         f"({format_mm(noise)} a coordinate), the number of {what} readings ({n}) {format_mm(parameters)}, the "
-        f"arm {format_mm(arm)}; {MORE_READINGS * n} readings would give {format_mm(more)}."
+        f"rest {format_mm(arm)}; {MORE_READINGS * n} readings would give {format_mm(more)}."
     )
     numbers = {f"{name.replace(' ', '_')}_mm": value for name, value in parts.items()}
     yield Finding("what limits", said, {**numbers, "with_more_readings_mm": more})

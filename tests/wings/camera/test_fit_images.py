@@ -207,13 +207,18 @@ def test_exchanged_corners_are_named(reading, corners, said):
     assert abs(found.lenses[0].fx - cell.lens.fx) < 4 * found.u_intrinsics[0]
 
 
-def test_a_board_that_moved_in_one_image_is_a_gross_error():
-    cell, session, pixels = measured(False)
+@pytest.mark.parametrize("seed", [5, 15])
+def test_a_board_that_moved_in_one_image_takes_no_part_and_is_named(seed):
+    """As a gross error of the arm, or before that as an image that no camera beside the robot explains."""
+    cell = measured(False)[0]
+    session, pixels = cell.table(N, seed=seed)
     own = pixels.reading == 7
     middle = pixels.pixels[own].mean(axis=0)
     moved = np.where(own[:, None], 1.05 * (pixels.pixels - middle) + middle + [30, 10], pixels.pixels)
     found = fit_images("ur5", session, replace(pixels, pixels=moved), board=cell.board, model="kinematic")
-    assert [one.name for one in found.fitted.outliers if one.is_excluded] == ["reading 7"]
+    excluded = [one.name for one in found.fitted.outliers if one.is_excluded]
+    ignored = "1 image of 24." in (said := " ".join(map(str, found.findings))) and "image 7 (reading 7)" in said
+    assert (excluded, ignored) in [(["reading 7"], False), ([], True)]
 
 
 @pytest.mark.parametrize(
