@@ -43,3 +43,8 @@ def test_three_points_are_all_used_however_well_two_of_them_agree():
 def test_a_single_point_is_moved_and_not_turned():
     motion = align(np.array([[1.0, 2, 3]]), np.array([[4.0, 5, 6]]))
     np.testing.assert_array_equal(motion, [[1, 0, 0, 3], [0, 1, 0, 3], [0, 0, 1, 3], [0, 0, 0, 1]])
+
+
+def test_many_sets_of_points_are_aligned_as_one_by_one(rng):
+    b, a = rng.normal(0, 500, (2, 4, 5, 3))
+    np.testing.assert_allclose(align(b, a), [align(*one) for one in zip(b, a, strict=True)], atol=1e-9)  # mm

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
@@ -26,22 +23,20 @@ def align(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    points_in_b, points_in_a : (n, 3) array
+    points_in_b, points_in_a : (.., n, 3) array
         The same points in both frames [mm].
 
     Returns
     -------
-    (4, 4) array
+    (.., 4, 4) array
         Translation in mm.
     """
-    centre_b, centre_a = points_in_b.mean(axis=0), points_in_a.mean(axis=0)
-    T = np.eye(4)
-    if len(points_in_b) > 1:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Optimal rotation is not uniquely", UserWarning)  # points on a line
-            rotation, _ = Rotation.align_vectors(points_in_a - centre_a, points_in_b - centre_b)
-        T[:3, :3] = rotation.as_matrix()
-    T[:3, 3] = centre_a - T[:3, :3] @ centre_b
+    centre_b, centre_a = points_in_b.mean(axis=-2, keepdims=True), points_in_a.mean(axis=-2, keepdims=True)
+    U, _, Vt = np.linalg.svd((points_in_a - centre_a).swapaxes(-1, -2) @ (points_in_b - centre_b))
+    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    T = np.zeros((*U.shape[:-2], 4, 4))
+    T[..., :3, :3], T[..., 3, 3] = U @ Vt, 1.0
+    T[..., :3, 3:] = centre_a.swapaxes(-1, -2) - T[..., :3, :3] @ centre_b.swapaxes(-1, -2)
     return T
 
 
@@ -94,9 +89,8 @@ def align_robust(points_in_b: FloatArray, points_in_a: FloatArray) -> FloatArray
     """
     rng = np.random.default_rng(0)
     least, best = np.inf, np.zeros(len(points_in_a))
-    for _ in range(TRIPLES):
-        some = rng.permutation(len(points_in_a))[:3]
-        T = align(points_in_b[some], points_in_a[some])
+    some = np.array([rng.permutation(len(points_in_a))[:3] for _ in range(TRIPLES)])
+    for T in align(points_in_b[some], points_in_a[some]):
         off = np.linalg.norm(points_in_b @ T[:3, :3].T + T[:3, 3] - points_in_a, axis=1)
         if np.median(off) < least:
             least, best = float(np.median(off)), off
