@@ -76,11 +76,11 @@ class Interpretation:
 
     def is_same(self, other: Interpretation) -> bool:
         """Whether both understand every arm file and every reading in the same way."""
-        plain = ("point_factor", "length_factor", "shift")
-        if any(getattr(self, name) != getattr(other, name) for name in plain):
+        if any(getattr(self, name) != getattr(other, name) for name in _OF_READINGS):
             return False
         mine, theirs = (
-            (one.angle_matrix, one.angle_offset, one.points_turn, one.table.chain().fixed, one.table.tip_in_flange)
+            (one.angle_matrix, one.angle_offset, one.points_turn)
+            + (() if self.table is other.table else (one.table.chain().fixed, one.table.tip_in_flange))
             for one in (self, other)
         )
         return all(np.abs(a - b).max() < _NO_CHANGE for a, b in zip(mine, theirs, strict=True))
