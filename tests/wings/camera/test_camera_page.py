@@ -15,6 +15,7 @@ def test_the_table_of_the_page_is_read(tmp_path):
     assert (len(read), read.images) == (2, ("image_01.png",))
 
 
+@pytest.mark.weekly
 def test_the_commands_of_the_page_print_what_it_shows(truearm, tmp_path):
     pytest.importorskip("cv2", reason="opencv-python-headless is not installed")
     with contextlib.chdir(tmp_path):

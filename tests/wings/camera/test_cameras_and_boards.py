@@ -178,17 +178,28 @@ def test_what_contradicts_the_table_is_refused(change, options, said, hint):
     assert hint in (error.value.hint or "")
 
 
-def test_messages_name_the_camera_and_the_board():
-    session, pixels = seen(True)
-    small = replace(BOARDS["B"], points=0.8 * BOARDS["B"].points)
-    for options, said, hint in (
+SMALL = BOARDS | {"B": replace(BOARDS["B"], points=0.8 * BOARDS["B"].points)}
+
+
+@pytest.mark.parametrize(
+    ("options", "said", "hint"),
+    [
         ({}, "camera right, board B: the positions miss each other by", "--on-flange right; "),
-        ({"eye_in_hand": True}, "camera left, board A: the positions", "--on-flange of the .* only, without left; "),
-        ({"eye_in_hand": ["right"], "board": BOARDS | {"B": small}}, "camera right, board B: the board is 1.2", "meas"),
-    ):
-        with pytest.raises(InputError, match=said) as error:
-            fit_images("ur5", session, pixels, model="kinematic", **{"board": BOARDS, **options})
-        assert re.match(hint, error.value.hint or ""), error.value.hint
+        # Of one camera and board test_fit_images.py has them every day.
+        *(
+            pytest.param(*one, marks=pytest.mark.weekly)
+            for one in (
+                ({"eye_in_hand": True}, "camera left, board A: the posi", "--on-flange of the .* only, without left; "),
+                ({"eye_in_hand": ["right"], "board": SMALL}, "camera right, board B: the board is 1.2", "meas"),
+            )
+        ),
+    ],
+    ids=["stands", "on the flange", "size"],
+)
+def test_messages_name_the_camera_and_the_board(options, said, hint):
+    with pytest.raises(InputError, match=said) as error:
+        fit_images("ur5", *seen(True), model="kinematic", **{"board": BOARDS, **options})
+    assert re.match(hint, error.value.hint or ""), error.value.hint
 
 
 def test_a_board_with_the_numbers_of_its_sides_exchanged_is_named():

@@ -20,7 +20,7 @@ def unrolled(line, n_arms):
     return [one.replace("$i", f"{i}") for i in range(1, min(int(loop[1]), n_arms) + 1) for one in body.split("; ")]
 
 
-@pytest.mark.parametrize("n_arms", [6, pytest.param(20, marks=pytest.mark.weekly)])
+@pytest.mark.parametrize("n_arms", [4, pytest.param(20, marks=pytest.mark.weekly)])
 def test_its_walk_prints_what_it_says(truearm, tmp_path, monkeypatch, n_arms):
     """With fewer arms the same words with other numbers, and the prior helps as well."""
     monkeypatch.chdir(tmp_path)

@@ -78,8 +78,8 @@ def test_form_is_exceeded_no_more_often_than_stated_and_the_diameter_as_often(rn
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     errors = errors_of(rng, 9)
     form, diameter = largest_form_and_diameter(errors, outward, 0.05)
-    fits = [fit_sphere(15.0 * outward + away) for away in drawn(rng, errors, 1000)]
-    std = np.sqrt(0.05 / 1000)
+    fits = [fit_sphere(15.0 * outward + away) for away in drawn(rng, errors, 500)]
+    std = np.sqrt(0.05 / 500)
     assert 0.05 / 3 < np.mean([fit.form_mm > form for fit in fits]) < 0.05 + 3 * std
     off = np.mean([abs(2 * fit.radius_mm - 30.0) > diameter for fit in fits])
     assert off == pytest.approx(0.05, abs=4 * std)

@@ -381,7 +381,7 @@ def test_a_new_artefact_has_no_answer_though_others_have_enough_checks(rng):
     assert found.remarks == (f"length A to B, length error: not assessed yet, 1 of {CHECKS_NEEDED} checks",)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(
     seed=st.integers(0, 10**6),
     n=st.integers(12, 25),
@@ -511,8 +511,8 @@ def test_without_an_uncertainty_of_the_model_nothing_is_expected():
 def test_checks_of_an_unchanged_arm_are_beyond_the_model_as_often_as_is_said(rng):
     """A check of seat, bar and sphere, whose points share errors and whose scale is as uncertain as is stated.
 
-    1000 checks at 5 % for all values: the true rate is below it, as rates add up at most (Bonferroni); the values are
-    correlated by the scale, so that it is not below a fifth. Standard deviation of the rate: 0.69 %.
+    500 checks at 5 % for all values: the true rate is below it, as rates add up at most (Bonferroni); the values are
+    correlated by the scale, so that it is not below a fifth. Standard deviation of the rate: 0.97 %.
     """
     seat = ["cone"] * 10 + ["A"] * 4 + ["B"] * 4 + [""] * 9
     turned = rng.standard_normal((9, 3))
@@ -525,7 +525,7 @@ def test_checks_of_an_unchanged_arm_are_beyond_the_model_as_often_as_is_said(rng
     names = [key for key, value in largest.items() if value.largest_expected_mm is not None]
     assert len(names) == 6
     beyond = 0
-    for _ in range(1000):
+    for _ in range(500):
         scale = np.sqrt(FREEDOM / rng.chisquare(FREEDOM))
         errors = 0.005 * rng.standard_normal(true.shape) + np.tensordot(rng.standard_normal(4), shared, axes=1)
         points = true + scale * errors
@@ -534,7 +534,7 @@ def test_checks_of_an_unchanged_arm_are_beyond_the_model_as_often_as_is_said(rng
             abs(values[key].value_mm - (30.0 if key[0] == "diameter" else 0.0)) > largest[key].largest_expected_mm
             for key in names
         )
-    assert 0.05 / 5 < beyond / 1000 < 0.05 + 3 * 0.0069
+    assert 0.05 / 5 < beyond / 500 < 0.05 + 3 * 0.0097
 
 
 def warm_bar():

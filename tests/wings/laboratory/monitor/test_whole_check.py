@@ -134,7 +134,7 @@ def test_what_would_have_been_seen_adds_its_square_to_that_of_the_checks(rng):
 def test_nine_in_ten_changes_of_the_stated_size_are_seen_and_unchanged_checks_are_as_rare_as_stated():
     """Within the scatter of the trials (binomial, 1 in 1000); of one chart's limits, one side is exceeded 1 in 740."""
     rng, shown, beyond, trials = np.random.default_rng(3), 0, 0, 0
-    for _ in range(80):
+    for _ in range(50):
         deviations = centred(rng, 14)
         unchanged = compared(checks_of(deviations))
         beyond += unchanged.chart.out_of_limits[-1]
@@ -146,7 +146,7 @@ def test_nine_in_ten_changes_of_the_stated_size_are_seen_and_unchanged_checks_ar
         shown += compared(checks_of(deviations)).chart.out_of_limits[-1]
     # What is stated follows from the scatter of twelve checks, itself known to a fifth.
     assert 0.8 * trials <= shown <= binom.ppf(0.999, trials, 0.95)
-    assert beyond <= binom.ppf(0.999, 80, 0.00135)
+    assert beyond <= binom.ppf(0.999, 50, 0.00135)
 
 
 def test_readings_come_back_from_the_history_and_hostile_ones_do_not(rng):
