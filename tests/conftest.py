@@ -27,7 +27,9 @@ sys.dont_write_bytecode = False
 gc.disable()
 
 # A suite that passed passes again: what hypothesis tries hangs on the test alone, and a busy machine fails none.
-settings.register_profile("fixed", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "fixed", derandomize=True, max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("fixed")
 
 
@@ -88,6 +90,14 @@ def undrawn():
     """Pages without the drawings in their figures, half their time: for tests that read the text around them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("truearm.pages.html.svg_element", lambda drawing, prefix: "<svg></svg>")
+        yield
+
+
+@pytest.fixture(scope="module")
+def quick_plans():
+    """Plans whose path is shortened in two rounds, not sixty, three quarters of their time: for tests around them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truearm.wings.planning.designs.coordinate_exchange._ROUNDS", 2)
         yield
 
 

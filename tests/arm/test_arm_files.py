@@ -214,7 +214,7 @@ def test_masses_no_link_can_have_are_refused(mass, centre):
 # There and back
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["dh", "mdh", "urdf"]))
 def test_any_arm_goes_there_and_back(tmp_path_factory, seed, form):
     arm = random_arm(seed)

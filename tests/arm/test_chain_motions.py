@@ -149,7 +149,7 @@ def test_the_flanges_axes_are_the_derivatives_by_shifts_of_the_tip():
 # Rotations and their Jacobians
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SIZES))
 def test_rotations_are_scipys_and_jacobians_the_difference_quotients(seed, size):
     rng = np.random.default_rng(seed)

@@ -107,7 +107,7 @@ def test_a_table_that_does_not_fit_is_refused(change, message):
 # Out
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 @pytest.mark.parametrize("table_of", TABLES)
 def test_a_table_of_any_chain_rebuilds_it(table_of, seed):
@@ -155,7 +155,7 @@ def test_a_base_and_a_flange_nearly_along_the_axes_are_no_obstacle(table_of):
 # Frames
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(st.lists(st.floats(-3.2, 3.2), min_size=3, max_size=3), st.sampled_from([None, np.pi / 2, -np.pi / 2]))
 def test_roll_pitch_yaw_go_there_and_back(rpy, pitch):
     if pitch is not None:
@@ -166,7 +166,7 @@ def test_roll_pitch_yaw_go_there_and_back(rpy, pitch):
     np.testing.assert_allclose(frame_from_xyz_rpy(xyz, back), frame, atol=1e-15)
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 1e-3))
 def test_z_is_turned_to_any_axis(axis):
     axis = np.array(axis) / np.linalg.norm(axis)

@@ -30,7 +30,7 @@ def local_form(rows, *, separator, decimal, encoding, end, empty_columns, quoted
     return out.getvalue().encode(encoding)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     lengths=st.lists(numbers, min_size=1, max_size=8),
     word=words,

@@ -43,7 +43,7 @@ sizes = st.lists(st.integers(1, 6), min_size=3, max_size=6)
 activations = st.sampled_from(["tansig", "logsig", "purelin"])
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(sizes, activations, st.integers(0, 1000))
 def test_factored_equals_dense(sizes, activation, seed):
     fit, weights = problem(tuple(sizes), activation, seed=seed)

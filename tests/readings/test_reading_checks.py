@@ -188,7 +188,7 @@ def test_points_of_several_sessions_lie_together_session_by_session(rng):
         check_reach(Session(angles, points, session=session), reach=1000.0)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(st.sampled_from("abcd "), st.sampled_from(["s", "t", ""])), min_size=1, max_size=8))
 def test_a_place_is_of_one_session(rows):
     """Refused is what has a name in two sessions, to have none being one too, and nothing else."""

@@ -31,7 +31,7 @@ def test_two_seats_by_hand():
     )
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(names=st.lists(st.sampled_from(["", "a", "b", "c", "dd"]), min_size=2, max_size=30), seed=st.integers(0, 99))
 def test_against_plain_loops(names, seed):
     points = np.random.default_rng(seed).normal(size=(len(names), 3)) * 100

@@ -83,7 +83,7 @@ def assert_same(found: Session, given: Session, *, angle_rtol: float) -> None:
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 # Radians come back as the same bits; degrees go through two products, each right to 2.2e-16 relative.
 @pytest.mark.parametrize(("unit", "rtol"), [("rad", 0.0), ("deg", 1e-15)])
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(readings=any_readings())
 def test_what_is_written_comes_back(tmp_path_factory, readings, suffix, unit, rtol):
     path = tmp_path_factory.mktemp("round") / f"session{suffix}"
@@ -541,7 +541,7 @@ def read_or_refused(path: Path) -> bool:
         return error.file == path
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(at=st.integers(0, 80), cut=st.integers(0, 8), junk=st.binary(max_size=8) | st.sampled_from([b'"', b",", b"\n"]))
 def test_a_damaged_file_is_read_or_refused_but_nothing_else(tmp_path_factory, at, cut, junk):
     whole = b'q1_deg,load_2,seat,x_mm,y_mm,z_mm\n1,2,A,,,\n-3.5,4e1,"B, left",1,2,3\n5,6,,,,\n'
@@ -549,7 +549,7 @@ def test_a_damaged_file_is_read_or_refused_but_nothing_else(tmp_path_factory, at
     assert read_or_refused(path)
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(at=st.integers(0, 2000), junk=st.binary(min_size=1, max_size=8))
 def test_a_damaged_parquet_file_is_read_or_refused_but_nothing_else(tmp_path_factory, at, junk):
     folder = tmp_path_factory.mktemp("damaged")

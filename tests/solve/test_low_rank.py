@@ -18,7 +18,7 @@ def drawn(seed, n, p, *, decades):
 
 
 @given(seed=st.integers(0, 999), n=st.integers(1, 12), decades=st.floats(0, 6))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_it_is_the_posterior_of_the_parameters(seed, n, decades):
     J, y, prior = drawn(seed, n, 40, decades=decades)
     gram, right = J.T @ J, J.T @ y

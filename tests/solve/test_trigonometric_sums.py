@@ -20,7 +20,7 @@ def functions(of: Multiples) -> np.ndarray:
 
 
 @given(orders, orders, st.integers(1, 300), st.integers(0, 2**32), st.booleans())
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 def test_transforms_equal_products_of_matrices_and_are_adjoint(one, other, m, seed, is_same):
     rng = np.random.default_rng(seed)
     rng.shuffle(one)

@@ -9,7 +9,7 @@ import pytest
 import truearm as ta
 from command_line import declared
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "quick_plans")
 
 DOCS = Path(__file__).parents[2] / "docs" / "files.md"
 KEPT, OWN, FREE = "kept", "replaced by its own kind", "same arm's replaced"

@@ -61,7 +61,7 @@ def test_the_ten_lines_of_the_readme(run_page, capsys):
     )
 
 
-def test_the_commands_of_the_readme(truearm, tmp_path, monkeypatch):
+def test_the_commands_of_the_readme(truearm, tmp_path, monkeypatch, quick_plans):
     """Those with a mark `.ci/run` runs word for word; the one without opens a page until it is interrupted."""
     text = README.read_text(encoding="utf-8")
     marked = dict(re.findall(r"<!-- ci: (\w+) -->\n```sh\n(.*?)\n```", text, flags=re.DOTALL))

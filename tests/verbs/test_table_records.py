@@ -53,7 +53,7 @@ def circle_arm():
 
 
 @pytest.fixture(scope="module")
-def tables(ur10_session, ur10_model, simulated, tmp_path_factory):
+def tables(ur10_session, ur10_model, simulated, quick_plans, tmp_path_factory):
     """A result of every kind, and the number of its rows."""
     folder = tmp_path_factory.mktemp("tables")
     in_seats = ta.simulate("ur10", poses=8, strategy="seat", seats=2, seed=3).session

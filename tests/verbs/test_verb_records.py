@@ -12,7 +12,7 @@ from truearm.verbs.record import Record
 from truearm.wings.laboratory.certificate.certificate import check_plan
 from truearm.wings.laboratory.standards.coordinate_origin import ARM_SOFTWARE, CoordinateOrigin
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "quick_plans")
 
 
 @pytest.fixture(scope="module")

@@ -60,7 +60,7 @@ def test_distances_from_a_plane_and_a_line_by_hand():
     np.testing.assert_allclose(np.linalg.norm(along_x, axis=0), [0, 1, 5], atol=1e-15)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Spheres, Planes, Lines]), st.integers(5, 30))
 def test_exact_tips_are_on_their_initial_surfaces(seed, kind, n):
     tips, frame, origin = drawn(kind, np.random.default_rng(seed), n)
@@ -76,7 +76,7 @@ def test_exact_tips_are_on_their_initial_surfaces(seed, kind, n):
         np.testing.assert_allclose(np.linalg.det(reference.frames), 1)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Planes, Lines]))
 def test_residuals_are_the_distances_however_it_is_tilted(seed, kind):
     """Against a plain formula, at tilts up to 170 deg from where it started."""
@@ -97,7 +97,7 @@ def test_residuals_are_the_distances_however_it_is_tilted(seed, kind):
         np.testing.assert_allclose(np.linalg.norm(found.residuals, axis=0), distance, atol=ROUNDING_MM)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([Spheres, Planes, Lines]))
 def test_residuals_do_not_depend_on_the_frame(seed, kind):
     rng = np.random.default_rng(seed)

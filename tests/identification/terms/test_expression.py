@@ -33,7 +33,7 @@ expressions = st.recursive(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(expressions, expressions)
 def test_operations_are_those_of_the_values(make_state, a, b):
     state = make_state(3, 6)
@@ -59,7 +59,7 @@ def test_an_expression_comes_back_from_data_and_has_a_name(expression):
     assert basis_from_data(json.loads(json.dumps(data))) == Formula((expression,))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(expressions)
 def test_numbers_for_inputs_are_the_values_there(make_state, expression):
     state = make_state(3, 1, directions=np.ones((1, 5)), columns={"load_2_Nm": np.array([2.0])})
@@ -68,7 +68,7 @@ def test_numbers_for_inputs_are_the_values_there(make_state, expression):
     np.testing.assert_allclose(fixed.values(state), expression.values(state), rtol=1e-12, atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(expressions)
 def test_an_expression_goes_to_another_process(expression):
     assert len(expression.inputs) >= len({one.operation for one in expression.inputs})  # an input is one of its own

@@ -128,7 +128,7 @@ def test_files_keep_model_and_session(physical, trained, test_session, tmp_path)
     np.testing.assert_array_equal(read_session(tmp_path / "s.csv").angles[:, 0], trained.angles[:, 0])
 
 
-def test_the_verbs_take_an_arm_on_a_rail_or_say_why_not(arm, trained, test_session, physical, tmp_path):
+def test_the_verbs_take_an_arm_on_a_rail_or_say_why_not(arm, trained, test_session, physical, quick_plans, tmp_path):
     assert fit(arm, trained, model="kinematic").model.n_train_ == 150
     assert evaluate(physical, test_session).errors["model"]["mean_mm"] < 3 * NOISE_MM
     assert "tracker" in str(plan(arm, "tracker", poses=6))

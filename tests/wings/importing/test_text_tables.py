@@ -35,7 +35,7 @@ def written(value, decimals, decimal, thousands):
     return whole.replace(",", thousands) + (decimal + fraction if fraction else "")
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     columns=st.lists(
         st.tuples(

@@ -12,7 +12,7 @@ from truearm.readings import Lengths, Session, write_lengths, write_session
 from truearm.wings.planning.designs import proposal
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "quick_plans")
 
 QUICK = ("--terms", "constants")
 

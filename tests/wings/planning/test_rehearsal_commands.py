@@ -10,7 +10,7 @@ from truearm.readings import read_lengths, read_session
 from truearm.wings.planning.designs.candidates import bar_places
 from truearm.wings.planning.designs.template import write_bar_lengths, write_template
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "quick_plans")
 
 
 @pytest.fixture(scope="module")

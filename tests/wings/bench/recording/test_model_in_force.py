@@ -192,7 +192,7 @@ def test_what_cannot_be_fitted_or_saved_is_refused(tmp_path, session):
     assert ModelInForce(ta.load_arm("ur10"), None, tmp_path / "s.csv", None).refit(0).kind == "refused"
 
 
-def test_the_demonstration_is_learned_from(tmp_path):
+def test_the_demonstration_is_learned_from(tmp_path, quick_plans):
     recording = demo_recording(tmp_path)
     samples, events = recording.source.samples(), []
     while not recording.n_readings:

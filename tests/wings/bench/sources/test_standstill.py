@@ -66,7 +66,7 @@ def test_a_gap_or_a_clock_that_jumps_starts_a_new_window():
     assert fed([*half, *((time_s, [0.0, 0.0]) for time_s, _ in half)]) == []
 
 
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(st.integers(0, 9999), st.sampled_from([5.0, 50.0, 500.0]))
 def test_the_arm_is_still_where_all_angles_of_the_window_are_within_the_spread(seed, rate_hz):
     """Also where the window begins again, and for far more samples than it has."""

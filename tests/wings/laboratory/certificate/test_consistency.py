@@ -54,7 +54,7 @@ def with_statement(made, kind, change):
     return replace(made, statements=tuple(statements))
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(

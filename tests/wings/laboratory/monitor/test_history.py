@@ -432,7 +432,7 @@ def content(tmp_path_factory):
     return path.read_bytes()
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(bit=st.integers(0, 8 * 3 * 4096 - 1))
 def test_a_flipped_bit_anywhere_is_refused_or_changes_no_number(content, tmp_path_factory, bit):
     path = tmp_path_factory.getbasetemp() / "flipped.sqlite"
