@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -13,7 +13,7 @@ import numpy as np
 from truearm.arm.arm import Arm
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.propagation import direction_effects, half_tip_difference
+from truearm.identification.estimation.propagation import half_tip_difference
 from truearm.identification.estimation.residual_variance import VarianceFunction
 from truearm.identification.identify import (
     Found,
@@ -47,7 +47,7 @@ from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
-ROUNDED = "rounding of the angles"
+DIRECTIONS, ROUNDED = "directions of movement", "rounding of the angles"
 JUDGED_LATE = ("residual_std_", "variance_function_", "repeating_share_", "hysteresis_")
 # Fits of weighted points after the first: the noise changes by some per cent in the first of them.
 WEIGHT_ROUNDS = 2
@@ -273,8 +273,9 @@ class IdentifiedModel(Compensator):
     def _tips_and_covariance_parts(self, at: CheckedReadings) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
         share = self.variance_function_.share(at.session.angles) * self.share_of_mean(at.session)
         unexplained = self.residual_std_**2 * share
-        tips, of_parameters = self.fit_.tips_and_covariance(at.state)
-        unstated = self._unstated_covariances(at).values()
+        tips, of_parameters, of_directions = self.fit_.uncertain_tips(at.state)
+        effects = {DIRECTIONS: of_directions, **self._unstated_input_effects(at)}
+        unstated = _covariances_of(effects).values()
         return tips, (of_parameters, sum(unstated, unexplained[:, None, None] * np.eye(3)))
 
     def _shared_displacements(self, at: CheckedReadings) -> FloatArray:
@@ -292,13 +293,8 @@ class IdentifiedModel(Compensator):
         dict of str to (n, 3, 3) array
             By input the covariance of tips [mm^2], to first order.
         """
-        return self._unstated_covariances(self.checked(readings))
-
-    def _unstated_covariances(self, at: CheckedReadings) -> dict[str, FloatArray]:
-        effects = self._unstated_input_effects(at)
-        return {
-            name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()
-        }
+        at = self.checked(readings)
+        return _covariances_of({DIRECTIONS: self.fit_.direction_effects(at.state), **self._unstated_input_effects(at)})
 
     def condition_displacements(self, readings: ReadingsLike) -> FloatArray:
         """Errors of predicted points from conditions: growth beyond the trained temperatures, inputs not stated.
@@ -310,17 +306,14 @@ class IdentifiedModel(Compensator):
             directions of movement and rounding, which change from reading to reading, are not among them.
         """
         at = self.checked(readings)
-        effects = self._unstated_input_effects(at)
-        for changing in ("directions of movement", ROUNDED):
-            effects.pop(changing, None)
-        return np.concatenate([self._expansion_displacements(at.session), *effects.values()])
+        shared = (effect for name, effect in self._unstated_input_effects(at).items() if name != ROUNDED)
+        return np.concatenate([self._expansion_displacements(at.session), *shared])
 
     def _unstated_input_effects(self, at: CheckedReadings) -> dict[str, FloatArray]:
-        """By input (k, n, 3) displacements by k independent causes of variance one [mm]."""
+        """By input but directions (k, n, 3) displacements by k independent causes of variance one [mm]."""
         fit, training, readings, state = self.fit_, self.training_, at.session, at.state
         effects: dict[str, FloatArray] = {}
         if fit.perturbed_chain.input_bases(state):
-            effects["directions of movement"] = direction_effects(fit, state)
             if readings.temperature_degC is None and training.temperature_degC is not None:
                 assert state.temperature_degC is not None  # the mean in training
                 std = training.temperature_degC.std
@@ -334,6 +327,11 @@ class IdentifiedModel(Compensator):
             assert training.angle_std is not None
             effects[ROUNDED] = rounded[:, None] * tip_motions(fit.chain, state.angles, training.angle_std)
         return effects
+
+
+def _covariances_of(effects: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """By input (n, 3, 3) of displacements (k, n, 3); without inputs that move no tip."""
+    return {name: np.einsum("kni,knj->nij", effect, effect) for name, effect in sorted(effects.items()) if effect.any()}
 
 
 def to_identified(model: object) -> IdentifiedModel | None:

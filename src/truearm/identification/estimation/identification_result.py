@@ -314,18 +314,29 @@ class IdentificationResult:
 
     def tip_covariance(self, state: ArmState) -> FloatArray:
         """(n, 3, 3) covariance of tips [mm^2] by that of the coefficients, to first order."""
-        return self.tips_and_covariance(state)[1]
+        return self.uncertain_tips(state)[1]
 
-    def tips_and_covariance(self, state: ArmState) -> tuple[FloatArray, FloatArray]:
-        """`tips` and `tip_covariance`, with the basis functions evaluated once."""
+    def uncertain_tips(self, state: ArmState) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`tips`, `tip_covariance` and `direction_effects`, with the basis functions evaluated once."""
         (derivatives, root), chain, x = self._uncertain, self.perturbed_chain, self.coefficients
         is_constant, out = chain.is_constant(x), np.empty((len(state), 3, 3))
         tips = self.chain.tip_in_base(state.angles) if is_constant else np.empty((len(state), 3))
+        of_directions = np.zeros((chain.chain.n_joints, len(state), 3))
         for rows, _, along_sites, values in derivatives(state):
             if not is_constant:
                 tips[rows] = chain.tips_from_values(state.angles[rows], values, x)
+                of_directions[:, rows] = chain.direction_effects(state.rows(rows), x, along_sites)
             out[rows] = root.covariances(along_sites, values, state.joint_angles[rows])
-        return tips, out + self.unspanned_covariance(state) if self.processes else out
+        return tips, out + self.unspanned_covariance(state) if self.processes else out, of_directions
+
+    def direction_effects(self, state: ArmState) -> FloatArray:
+        """(n_joints, n, 3) effects of unknown directions of movement on the tips [mm]: see `PerturbedChain`."""
+        chain, x = self.perturbed_chain, self.coefficients
+        out = np.zeros((chain.chain.n_joints, len(state), 3))
+        if state.directions is not None and not chain.is_constant(x):
+            for rows, _, along_sites, _ in chain.site_derivatives(state, x):
+                out[:, rows] = chain.direction_effects(state.rows(rows), x, along_sites)
+        return out
 
     def expected_square_error(self, state: ArmState) -> float:
         """Expected squared error of a tip, by parameters and noise, mean over the readings of a state [mm^2].

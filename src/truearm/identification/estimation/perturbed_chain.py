@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple, TypeAlias
@@ -296,6 +296,32 @@ class PerturbedChain:
         shares = np.stack([x[site.columns] @ own for site, own in zip(self.sites, self.by_site(values), strict=True)])
         return np.asarray(np.einsum("skm,sm->km", along_sites, shares))
 
+    def direction_effects(self, state: ArmState, x: FloatArray, along_sites: FloatArray) -> FloatArray:
+        """Effects of unknown directions of movement (those that are 0) on the tips, from the derivatives along sites.
+
+        Returns
+        -------
+        (n_joints, m, 3) array
+            By joint the tip with direction 1 less the mean over 1 and -1 [mm]: the error to first order is of third
+            order in the motions. Both directions are equally likely, so this is also the standard deviation.
+        """
+        out = np.zeros((self.chain.n_joints, len(state), 3))
+        bases, coefficients, functions = self._directed
+        if state.directions is None or not bases:
+            return out
+        unknown = np.argwhere(state.directions == 0)
+        for part in chunks(len(unknown)):  # all joints at once: few readings cost by the number of array operations
+            rows, joints = unknown[part].T
+            at, n = state.rows(np.concatenate([rows, rows])), len(rows)
+            directions = np.array(at.directions)
+            directions[np.arange(n), joints], directions[np.arange(n, 2 * n), joints] = 1.0, -1.0
+            either = replace(at, directions=directions)
+            values = np.concatenate([basis.values(either) for basis in bases])
+            moved = x[coefficients, None] * ((values[:, :n] - values[:, n:]) / 2)[functions]
+            along = along_sites[self.of_coefficient[0][coefficients]]
+            out[joints, rows] = np.einsum("pu,pku->uk", moved, along[:, :, rows])
+        return out
+
     def gradient(self, state: ArmState, x: FloatArray, pulls: FloatArray) -> FloatArray:
         """(n_coefficients,) derivatives of the tips along vectors (3, n), summed over the readings of a state."""
         found = np.zeros(self.n_coefficients)
@@ -387,6 +413,16 @@ class PerturbedChain:
     def _input_bases(self) -> tuple[Basis, ...]:
         bases = dict.fromkeys(basis for _, basis in self._functions)
         return tuple(basis for basis in bases if basis.has_stated_inputs)
+
+    @cached_property
+    def _directed(self) -> tuple[list[Basis], IntArray, IntArray]:
+        """Bases that may depend on directions of movement, coefficients of their terms, and their functions' rows."""
+        bases = [basis for basis in self._input_bases if basis.inputs is None or "direction" in basis.inputs]
+        first = dict(zip(bases, accumulate((basis.n_functions for basis in bases), initial=0), strict=False))
+        terms = [both for both in zip(self.terms, self.columns, strict=True) if both[0].basis in first]
+        functions = [columns - columns[0] + first[term.basis] for term, columns in terms]
+        nothing = [np.zeros(0, dtype=np.intp)]
+        return bases, np.concatenate([*nothing, *(own for _, own in terms)]), np.concatenate([*nothing, *functions])
 
     @cached_property
     def _evaluated(self) -> list[tuple[Basis, list[tuple[slice, IntArray | slice]]]]:

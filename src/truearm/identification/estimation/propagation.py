@@ -26,7 +26,6 @@ from dataclasses import replace
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.identification.references.alignment import rigid_motions
 from truearm.identification.terms.state import ArmState
 from truearm.solve.linear_algebra import covariance_factor
@@ -82,38 +81,6 @@ def half_tip_difference(fit: IdentificationResult, low: ArmState, high: ArmState
     if all(np.array_equal(basis.values(low), basis.values(high)) for basis in fit.perturbed_chain.input_bases(low)):
         return np.zeros((len(low), 3))
     return np.asarray(fit.tips(high) - fit.tips(low)) / 2
-
-
-def direction_effects(fit: IdentificationResult, state: ArmState) -> FloatArray:
-    """Return the effect of unknown directions of movement (those that are 0) on the tips.
-
-    Returns
-    -------
-    (n_joints, n, 3) array
-        By joint the tip with direction 1 less the mean over 1 and -1 [mm]. Both are equally likely, so this is also the
-        standard deviation.
-    """
-    out = np.zeros((state.chain.n_joints, len(state), 3))
-    directed = [
-        basis for basis in fit.perturbed_chain.input_bases(state) if basis.inputs is None or "direction" in basis.inputs
-    ]
-    if state.directions is None or not directed:
-        return out
-    unknown = np.argwhere(state.directions == 0)
-    for part in chunks(len(unknown)):  # all joints at once: few readings cost by the number of array operations
-        rows, joints = unknown[part].T
-        at = state.rows(np.tile(rows, 2))
-        assert at.directions is not None
-        directions = at.directions.copy()
-        directions[range(len(directions)), np.tile(joints, 2)] = np.repeat([1.0, -1.0], len(rows))
-        either = replace(at, directions=directions)
-        depends = [np.not_equal(*np.split(basis.values(either), 2, axis=1)).any(axis=0) for basis in directed]
-        moved = np.flatnonzero(np.any(depends, axis=0))
-        if not len(moved):
-            continue
-        ahead, back = np.split(fit.tips(either.rows(np.concatenate([moved, moved + len(rows)]))), 2)
-        out[joints[moved], rows[moved]] = (ahead - back) / 2
-    return out
 
 
 def relative_covariance(fit: IdentificationResult, state: ArmState) -> FloatArray:

@@ -36,7 +36,6 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
-from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.estimation.residual_variance import (
     expected_clipped_square,
     huber_threshold_squared,
@@ -115,7 +114,7 @@ def update_in_set_up(
     problem = SmallMotionProblem(perturbed_chain, state, tuple(reference for reference, _ in started))
     x = np.concatenate([known.coefficients, *(unknowns for _, unknowns in started)])
     parameters = _Parameters(problem, free, x, known.prior_std[free])
-    undirected = (direction_effects(fit, state) ** 2).sum(axis=0).mean(axis=1)
+    undirected = (fit.direction_effects(state) ** 2).sum(axis=0).mean(axis=1)
     stated = [reference.std**2 + undirected[reference.rows] for reference in problem.references]
     x, residuals = _near(parameters, x, stated, unexplained_std**2, robust=robust)
 

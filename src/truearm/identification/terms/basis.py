@@ -81,7 +81,7 @@ class Basis:
         InputError
             If the state lacks a quantity that they depend on.
         """
-        return np.stack([one.values(state) for one in self._functions])
+        return np.array([one.values(state) for one in self._functions])  # of few readings sooner than `stack`
 
     @cached_property
     def _functions(self) -> tuple[Expression, ...]:

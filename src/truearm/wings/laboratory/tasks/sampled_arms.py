@@ -17,7 +17,6 @@ import numpy as np
 
 from truearm.arm import Arm, Chain
 from truearm.errors import InputError
-from truearm.identification.estimation.propagation import direction_effects
 from truearm.identification.judgement.repeating_residuals import JointProcess
 from truearm.identification.terms import ArmState, Basis, InducedProcess
 from truearm.models import Compensator, IdentifiedModel
@@ -305,7 +304,7 @@ class PosteriorDistribution:
         """(n_joints, n, 3) errors at poses (n, n_joints) by the unknown direction of each joint [mm]."""
 
         def compute() -> FloatArray:
-            return direction_effects(self.identified.fit_, self.state(angles)) @ self.R_base_reference.T
+            return self.identified.fit_.direction_effects(self.state(angles)) @ self.R_base_reference.T
 
         return self._cache.get("hysteresis", angles, compute)
 
