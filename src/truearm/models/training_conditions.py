@@ -444,11 +444,13 @@ class TrainingConditions:
 
         An end of the range is inside with its rounding: a training angle that is calculated again may be beyond it.
         """
+        inside = self._are_in_range(angles)
+        if inside.all():
+            return inside
         lower, upper = self.angle_ranges.T
         start = lower - Session.limit_tolerance
         first = start + np.mod(angles - start, 2 * np.pi)
         turns = np.where(prismatic, -1, np.minimum((upper - lower) // (2 * np.pi), self.most_turns))
-        inside = self._are_in_range(angles)
         for k in range(int(turns.max()) + 1):
             inside |= (k <= turns) & self._are_in_range(first + 2 * np.pi * k)
         return inside
@@ -457,7 +459,7 @@ class TrainingConditions:
         """(n, n_joints) whether an angle, as it is counted, is in the range and in none of its gaps."""
         lower, upper = self.angle_ranges.T
         found = (angles >= lower - Session.limit_tolerance) & (angles <= upper + Session.limit_tolerance)
-        for joint in np.unique(self.angle_gaps[:, 0]).astype(int).tolist():
+        for joint in set(self.angle_gaps[:, 0].astype(int).tolist()):
             gaps, at = self.angle_gaps[self.angle_gaps[:, 0] == joint, 1:], angles[:, joint, None]
             found[:, joint] &= ~((at > gaps[:, 0]) & (at < gaps[:, 1])).any(axis=1)
         return np.asarray(found)
@@ -471,6 +473,8 @@ class TrainingConditions:
         if tree is None or np.isinf(limit) or angles.shape[1] < 2:
             return far
         around = self._around(angles, prismatic)
+        if len(angles) < STRIDE:
+            return np.asarray(tree.query(around, distance_upper_bound=limit)[0] > limit)
         probe = np.arange(len(angles)) // STRIDE
         distance = np.asarray(tree.query(around[::STRIDE])[0])[probe]
         moved = np.linalg.norm(around - around[::STRIDE][probe], axis=1)

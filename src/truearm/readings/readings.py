@@ -309,7 +309,7 @@ class Readings(NamedRows):
     def _check_directions(self) -> None:
         if self.directions is None:
             return
-        odd = ~np.isin(self.directions, (-1.0, 0.0, 1.0))
+        odd = (np.abs(self.directions) != 1) & (self.directions != 0)
         if odd.any():
             row, joint = np.argwhere(odd)[0].tolist()
             raise self.error(

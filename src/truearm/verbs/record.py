@@ -196,6 +196,8 @@ def columns_of(rows: Iterable[Any]) -> dict[str, list[Any]]:
 
 def to_plain(value: Any) -> Any:
     """A value for JSON: dataclasses and mappings as dictionaries, arrays as lists, dates as ISO 8601, NaN as None."""
+    if isinstance(value, float | Decimal):  # most values are numbers
+        return float(value) if isfinite(value) else None
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Enum):
@@ -204,17 +206,15 @@ def to_plain(value: Any) -> Any:
         return str(value)
     if isinstance(value, date):
         return value.isoformat()
-    if isinstance(value, Decimal):
-        return float(value)
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, Mapping):
         return {str(key): to_plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):
-        value = value.tolist()
+        return to_plain(value.tolist())
     if isinstance(value, list | tuple | set | frozenset):
         return [to_plain(item) for item in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+    return value
 
 
 def format_fixed(value: float, decimals: int = 4, *, sign: bool = False) -> str:

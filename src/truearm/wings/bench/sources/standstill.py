@@ -143,15 +143,15 @@ class Standstill:
             self._angles, self._n_angles = np.empty((0, len(sample.joint_angles_rad))), 0
         if self._movement is None:
             self._movement = LastMovement(sample.joint_angles_rad)
+            self._allowed = np.full(len(sample.joint_angles_rad), self._rule.spread_rad)
+            self._allowed[self._prismatic] = self._rule.spread_mm
         self._keep(sample.joint_angles_rad)
         window.append(sample)
         self._stated = sample.directions
-        self._movement.add(sample.joint_angles_rad, self._allowed())
+        self._movement.add(sample.joint_angles_rad, self._allowed)
         while len(window) > 1 and sample.time_s - window[1].time_s >= self._rule.window_s:
             window.popleft()
-        moved = (
-            self._taken_at is not None and np.abs(sample.joint_angles_rad - self._taken_at) > MOVED * self._allowed()
-        )
+        moved = self._taken_at is not None and np.abs(sample.joint_angles_rad - self._taken_at) > MOVED * self._allowed
         if np.any(moved):
             self._taken_at = None
         self.is_still = self._stands()
@@ -171,7 +171,7 @@ class Standstill:
         if len(window) < LEAST_SAMPLES or window[-1].time_s - window[0].time_s < self._rule.window_s:
             return False
         angles = self._angles[self._n_angles - len(window) : self._n_angles]
-        return bool((np.ptp(angles, axis=0) <= self._allowed()).all())
+        return bool((np.ptp(angles, axis=0) <= self._allowed).all())
 
     @property
     def window_s(self) -> tuple[float, float]:
@@ -222,9 +222,3 @@ class Standstill:
             float(np.mean(temperatures)) if temperatures else None,
             {name: float(np.mean([one.columns[name] for one in samples])) for name in samples[-1].columns},
         )
-
-    def _allowed(self) -> FloatArray:
-        n = self._angles.shape[1]
-        allowed = np.full(n, self._rule.spread_rad)
-        allowed[self._prismatic] = self._rule.spread_mm
-        return allowed
