@@ -1,15 +1,18 @@
 """The uncertainty a model states at readings, put together, and the readings that belie it."""
 
+import re
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+import truearm as ta
 from truearm.arm.catalogue import load_arm
 from truearm.models import KinematicModel, NominalModel
 from truearm.models.refit import refit
-from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits
+from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits, why_most_are_outliers
 from truearm.readings import Session
 from truearm.wings.planning.designs.sampling import box, seat
 from truearm.wings.planning.virtual import PRESETS, VirtualArm
@@ -126,6 +129,26 @@ def test_what_limits_is_the_largest_of_three_parts_that_add_up(model, others):
     # A laser tracker shows the arm's errors, and a reference of unstated uncertainty no part of its own.
     assert not list(what_limits(budget, replace(camera, point_std=np.full((300, 3), 0.05)), 2.0, model))
     assert not list(what_limits(budget, replace(camera, point_std=None), 2.0, model))
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (lambda points: Rotation.from_rotvec([0, 2e-3, 0]).apply(points) + [1, 0, 2], "One motion of the base"),
+        (lambda points: 1.01 * points, r"differ by \+1\.\d\d% from the model's: check its scale"),
+        (lambda points: points * [1, 1, 1.01], "No motion of the base explains them: a zero or the tip"),
+        (lambda points: points + 2.0 * np.random.default_rng(1).standard_normal(points.shape), "more than stated"),
+    ],
+    ids=["moved", "too long", "bent", "noise"],
+)
+def test_what_makes_most_readings_outliers_is_named(model, others, changed, said):
+    wrong = replace(others, points=changed(others.points))
+    budget, far = uncertainty_budget(model, wrong)
+    (found,) = why_most_are_outliers(budget, wrong, model.predict_readings(wrong), len(far))
+    assert found.sentence.startswith(f"{len(far)} of 300 readings are outliers. ")
+    assert re.search(said, found.sentence)
+    assert found.sentence in ta.evaluate(model, wrong).remarks
+    assert not list(why_most_are_outliers(budget, wrong, model.predict_readings(wrong), 150))
 
 
 def test_parts_that_exceed_the_errors_seen_are_not_called_their_limit(model, others):

@@ -12,6 +12,7 @@ from truearm.findings import Finding, format_mm
 from truearm.identification.estimation.propagation import relative_covariance
 from truearm.identification.judgement.outliers import Outlier
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
+from truearm.identification.references.alignment import align
 from truearm.models.compensator import Compensator, ReadingsLike
 from truearm.models.identified_model import IdentifiedModel, to_identified
 from truearm.readings import Session
@@ -131,6 +132,33 @@ def uncertainty_budget(model: Compensator, readings: ReadingsLike) -> tuple[Unce
         for i in beyond[np.argsort(-times[beyond])]
     ]
     return budget, tuple(far)
+
+
+# What a cause leaves of the deviations, at most, in stated standard uncertainties.
+MOST_LEFT = 3.0
+
+
+def why_most_are_outliers(
+    budget: UncertaintyBudget, readings: Session, predicted: FloatArray, n_outliers: int
+) -> Iterator[Finding]:
+    """What explains that most readings are outliers; nothing where fewer are: these are single ones."""
+    seen = np.flatnonzero(readings.has_point)
+    if readings.points is None or 2 * n_outliers <= len(seen):
+        return
+    points, T = readings.points[seen], align(predicted[seen], readings.points[seen])
+    moved = predicted[seen] @ T[:3, :3].T + T[:3, 3]
+    away, left = moved - moved.mean(axis=0), points - moved
+    scale = float((left * away).sum() / max((away**2).sum(), np.finfo(float).tiny))
+    noise = 0.0 if readings.point_std is None else float((readings.point_std[seen] ** 2).mean())
+    most = MOST_LEFT * np.hypot(budget.combined_mm, np.sqrt(noise))
+    if np.sqrt((left**2).mean()) <= most:
+        cause = "One motion of the base or the reference explains them (truearm refit transfers the model)"
+    elif np.sqrt(((left - scale * away) ** 2).mean()) <= most:
+        cause = f"The distances of the reference differ by {scale:+.2%} from the model's: check its scale"
+    else:
+        cause = "No motion of the base explains them: a zero or the tip changed, or the points err by more than stated"
+    said = f"{n_outliers} of {len(seen)} readings are outliers. {cause}."
+    yield Finding("change", said, {"n": n_outliers})
 
 
 # Mean length of an error whose three coordinates have a standard deviation of 1 (Maxwell distribution).

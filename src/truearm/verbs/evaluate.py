@@ -20,7 +20,7 @@ from truearm.findings import Finding, findings_of, format_mm
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models import Compensator
 from truearm.models.orientation_errors import orientation_errors
-from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits
+from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits, why_most_are_outliers
 from truearm.readings import (
     Lengths,
     LengthSummary,
@@ -257,6 +257,9 @@ def _evaluate_session(
             same_day, far_that_day = uncertainty_budget(on_the_day, at._replace(model=on_the_day))
             far = far_that_day if conditions == "repeatability" else far
         outliers = tuple(outlier.located(given, tested.rows) for outlier in far)
+    found = (*tested.findings, *evaluation_findings(at, nominal))
+    if budget is not None and not any(one.what == "nominal error" for one in found):  # of another unit or set-up
+        found += tuple(why_most_are_outliers(budget, used, predicted["model"], len(outliers)))
     return Evaluation(
         model=fitted,
         session=used,
@@ -272,8 +275,7 @@ def _evaluate_session(
         findings=(
             *findings_of("acceptance", acceptance_remarks(accept)),
             *([] if budget is None else what_limits(budget, used, errors["model"]["mean_mm"], fitted)),
-            *tested.findings,
-            *evaluation_findings(at, nominal),
+            *found,
         ),
     )
 
