@@ -6,14 +6,17 @@ processes; a size is a process of its own, so that its peak memory is its own.
 
 from __future__ import annotations
 
+import importlib
 import os
 import pickle  # of what is sent to workers, to count it; nothing is read from a file
 import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
@@ -29,6 +32,7 @@ from truearm.solve.executors import Executor, Processes, Serial
 from truearm.verbs.fit_sums import sent_model, sums_of_readings
 
 ROWS = Rows()
+fit_module = importlib.import_module("truearm.verbs.fit")  # ta.fit is the function
 # Readings that are made, and written as a row group, at once.
 CHUNK = 2**17
 # Correlation of a reading's noise, and of its pose, with those of the one before.
@@ -115,7 +119,7 @@ def fits(readings: tuple[int, ...] = (100_000, 1_000_000), kind: str = "kinemati
 
 def fitted_in_memory(n: int) -> dict[str, float]:
     """CPU seconds of a physical fit of n readings of a virtual arm in one session, and the peak memory."""
-    session = ta.simulate("gao2017", poses=n, seed=1).session
+    session = replace(ta.simulate("gao2017", poses=n, seed=1).session, temperature_degC=None)
     made, begun = peak_bytes(), cpu_seconds()
     found = ta.fit("gao2017", session, model="physical")
     assert found.n_readings == n
@@ -129,7 +133,7 @@ def fitted_in_memory(n: int) -> dict[str, float]:
 
 @ROWS.row("in-memory", threads="one", quick={"readings": (300, 600)})
 def in_memory(readings: tuple[int, ...] = (150_000, 1_000_000)) -> RowResult:
-    """A physical fit that takes all readings of a session in memory."""
+    """A physical fit of all readings of a session in memory, without temperatures."""
     table = [own_process(fitted_in_memory, n) for n in readings]
     largest = table[-1]
     return RowResult(
@@ -140,6 +144,29 @@ def in_memory(readings: tuple[int, ...] = (150_000, 1_000_000)) -> RowResult:
             Target(f"physical fit of {largest['readings']} readings, peak memory [MB]", largest["peak [MB]"], 2000),
         ],
     )
+
+
+@ROWS.row("by-sums", threads="one", quick={"readings": 600, "at_once": 500})
+def by_sums(readings: int = 60_000, at_once: int = 50_000) -> Iterator[dict[str, float | str]]:
+    """Fits by sums against those of all readings at once: CPU seconds, points, and their uncertainty."""
+    sessions = (ta.simulate("ur10", poses=n, seed=n).session for n in (readings, 2000))
+    training, test = (replace(one, temperature_degC=None) for one in sessions)
+    for kind in ("nominal", "kinematic", "physical"):
+        found = {}
+        for most in (at_once, readings):
+            with patch.object(fit_module, "MOST_AT_ONCE", most):
+                begun = cpu_seconds()
+                model = ta.fit("ur10", training, model=kind).model
+            covariance = model.fit_.tip_covariance(model.at(test).state)
+            found[most] = cpu_seconds() - begun, model.predict_readings(test), np.trace(covariance, 0, 1, 2)
+        (by_sums, there, u2), (whole, points, of_whole) = found.values()
+        yield {
+            "model": kind,
+            "at once [CPU s]": whole,
+            "by sums [CPU s]": by_sums,
+            "points differ by [u]": float(np.sqrt((((there - points) ** 2).sum(axis=1) / of_whole).mean())),
+            "u by sums over u": float(np.sqrt(u2 / of_whole).mean()),
+        }
 
 
 def read_and_used(folder: str, workers: int) -> dict[str, float]:

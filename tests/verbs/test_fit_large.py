@@ -1,19 +1,29 @@
 """Fits to large sessions: planted truth is recovered from all readings, whoever sums; the rest is said by name."""
 
+import importlib
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import truearm as ta
 from refusals import refuses
 from truearm.errors import Contradiction
+from truearm.identification.estimation.reading_sums import TRIAL_NOISE, ReadingSums
+from truearm.identification.from_sums import Iterate, improved, shown_motions
 from truearm.identification.judgement.gross_errors import gross_error_limit
+from truearm.identification.terms.basis import Temperature
 from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import large_sessions as module
 from truearm.readings.columns import session_columns
 from truearm.readings.files import table_writer
 from truearm.solve.executors import Processes
+from truearm.verbs import fit_sums
 from truearm.verbs.fit_sums import Spread
 
+fit_module = importlib.import_module("truearm.verbs.fit")  # ta.fit is the function
 N, PART = 24 * 1024, 4 * 1024
 RHO = 0.9
 GROSS = (700, 15_000)
@@ -107,6 +117,123 @@ def test_the_arm_of_all_readings_is_nearer_to_the_truth_than_that_of_the_sample(
     found.save(tmp_path / "k.truearm")
     read = ta.load_model(tmp_path / "k.truearm")
     assert np.allclose(read.predict_readings(test), found.model.predict_readings(test), atol=1e-9)
+
+
+def test_a_long_session_in_memory_is_fitted_as_one_in_parts(found, session, monkeypatch):
+    monkeypatch.setattr(fit_module, "MOST_AT_ONCE", N - 1)
+    monkeypatch.setattr(module, "MAX_READINGS", PART)
+    again = ta.fit("ur10", session, model="kinematic")
+    off = again.model.fit_.coefficients - found.model.fit_.coefficients
+    # In another order of summation, to a thousandth of the uncertainty.
+    assert (np.abs(off) < 1e-3 * np.sqrt(found.model.fit_.covariance.diagonal())).all()
+    assert again.to_dict()["n_gross"] == len(GROSS)
+    for beside in ({"seat": np.full(N, "a")}, {"tip": np.full(N, "a")}, {"session": np.full(N, "a")}):
+        assert not fit_module._is_summed(replace(session, **beside), "kinematic", None, {})
+
+
+def fit_all_and_keep(fit_all, samples, model, *others):
+    samples.append(model)
+    return fit_all(model, *others)
+
+
+@pytest.fixture(scope="module")
+def physical_by_sums():
+    """Of readings at one temperature, and at many: what is fitted, and the model of its sample."""
+    samples, training = [], ta.simulate("ur10", poses=1200, seed=1).session
+
+    sessions = [replace(training, temperature_degC=np.full(1200, 20.5)), training]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "SAMPLE", 600)
+        patch.setattr(fit_module, "MOST_AT_ONCE", 1000)
+        patch.setattr(fit_sums, "fit_all", partial(fit_all_and_keep, fit_sums.fit_all, samples))
+        patch.setattr(fit_module, "_is_summed", lambda *_: True)  # as of a folder
+        found = [ta.fit("ur10", session, model="physical") for session in sessions]
+    return list(zip(sessions, found, samples, strict=True))
+
+
+@pytest.mark.parametrize("model", ["nominal", "kinematic"])
+def test_rounding_of_the_angles_is_in_the_sums(model, monkeypatch):
+    session = ta.simulate("ur10", poses=1500, seed=1).session
+    session = replace(session, angles=np.radians(np.round(np.degrees(session.angles), 1)))
+    whole = ta.fit("ur10", session, model=model).model
+    monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 1000)
+    monkeypatch.setattr(module, "SAMPLE", 600)
+    found = ta.fit("ur10", session, model=model)
+    assert found.all_readings.total.sums.n_gross == 0
+    u = np.sqrt(np.trace(whole.fit_.tip_covariance(whole.at(session).state), 0, 1, 2))
+    off = np.linalg.norm(found.model.predict_readings(session) - whole.predict_readings(session), axis=1)
+    assert np.sqrt(((off / u) ** 2).mean()) < 0.3
+    sums = np.trace(found.model.fit_.tip_covariance(whole.at(session).state), 0, 1, 2)
+    assert np.sqrt(sums / u**2).mean() == pytest.approx(1, rel=0.2)
+
+
+def test_what_is_not_summed_is_fitted_at_once(session, monkeypatch):
+    few = replace(session.rows(np.arange(0, N, N // 300)), temperature_degC=None)
+    monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 200)
+    monkeypatch.setattr(module, "SAMPLE", 100)
+    fits = {
+        "robust": {"model": "kinematic", "robust": False},
+        "nothing": {"model": "nominal", "free": ()},
+    }
+    wide = replace(few, points=ta.load_arm("ur10").chain.tip_in_base(few.angles))
+    for options in fits.values():
+        assert ta.fit("ur10", wide, **options).all_readings is None
+    warm = replace(few, temperature_degC=np.linspace(20, 21, len(few)))
+    assert not fit_module._is_summed(warm, "physical", None, {})
+    assert fit_module._is_summed(warm, "kinematic", None, {})
+
+
+def test_outliers_of_a_long_session_have_its_rows(session, monkeypatch):
+    monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 2000)
+    monkeypatch.setattr(module, "SAMPLE", 1500)
+    few = session.rows(np.arange(3000))
+    points = few.points.copy()
+    points[::7] += np.where(np.arange(0, 3000, 7)[:, None] % 70 == 0, 5.0, 0.0)
+    found = ta.fit("ur10", replace(few, points=points), model="kinematic")
+    rows = [one.row for one in found.outliers]
+    assert rows
+    assert all(row % 70 == 0 or row in GROSS for row in rows)
+
+
+def test_a_physical_model_by_sums_is_that_of_all_readings_at_once(physical_by_sums):
+    session, found, sample = physical_by_sums[0]
+    assert found.all_readings.why_of_sample == ""
+    whole = ta.fit("ur10", session, model="physical").model
+    test = replace(ta.simulate("ur10", poses=300, seed=2).session, temperature_degC=np.full(300, 20.5))
+
+    def u_mm(model):
+        return np.sqrt(np.trace(model.fit_.tip_covariance(model.at(test).state), 0, 1, 2))
+
+    def off(model):
+        difference = np.linalg.norm(model.predict_readings(test) - whole.predict_readings(test), axis=1)
+        return np.sqrt(((difference / u_mm(whole)) ** 2).mean())
+
+    # Terms, scales of priors and robust weights are those of the sample.
+    assert off(found.model) < 0.15 < off(sample)
+    assert (u_mm(found.model) / u_mm(whole)).mean() == pytest.approx(1, rel=0.05)
+
+
+def test_what_no_reading_shows_and_how_links_grow_is_as_by_the_sample(physical_by_sums):
+    session, found, sample = physical_by_sums[1]
+    fit, of_sample = found.model.fit_, sample.fit_
+    assert [group.name for group in fit.groups] == [group.name for group in of_sample.groups]
+    grows = fit.columns_of(lambda term: isinstance(term.basis, Temperature))
+    assert grows.any()
+    assert np.array_equal(fit.coefficients[grows], of_sample.coefficients[grows])
+    block = np.ix_(grows, grows)
+    assert np.allclose(fit.covariance[block], of_sample.covariance[block])
+    size = np.sqrt(fit.covariance.diagonal())
+    assert np.linalg.eigvalsh(fit.covariance / np.outer(size, size)).min() > -1e-9  # rounding
+    at = found.model.at(session).state
+    assert np.trace(fit.tip_covariance(at), 0, 1, 2).mean() < np.trace(of_sample.tip_covariance(at), 0, 1, 2).mean()
+
+
+def test_a_motion_that_readings_hardly_show_stays_as_by_the_sample():
+    gram, gradient = np.diag([1e4, 0.5]), np.array([-2e4, -5.0])  # of the second three times its prior
+    sums = ReadingSums(1000, 0, gram, gradient, np.ones(len(TRIAL_NOISE)), np.zeros((1, 2)))
+    arm, at = SimpleNamespace(prior_std=np.ones(2)), Iterate(np.zeros(2), 1.0)
+    found = improved(arm, at, sums, shown_motions(arm, at, sums))
+    assert found.x == pytest.approx([2e4 / (1e4 + 1), 0.0], abs=1e-9)
 
 
 def test_it_says_what_the_readings_are_worth_and_which_were_excluded(found):

@@ -2,28 +2,30 @@
 
 The sample has settled what needs every reading at once: that the readings are of the arm, which terms there are and the
 scales of their priors, what is left unexplained and where, and from which size on a reading is a gross error. The
-coefficients and their covariance then follow from all readings, in passes over sums (`ReadingSums`), as in the
-kinematic model of a small session: the arm, and beside it the one with missing terms, which shows what the constants
-alone are off by far from the readings.
+coefficients and their covariance then follow from all readings, in passes over sums (`ReadingSums`), as of a small
+session: the arm, and beside that of constants alone the one with missing terms, which shows what the constants are off
+by far from the readings.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
-from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.propagation import response_to_point_errors, with_shared_error
 from truearm.identification.estimation.reading_sums import ReadingSums
 from truearm.identification.estimation.rounds import SETTLED_STEP
-from truearm.identification.judgement.day_to_day import on_another_day
 from truearm.identification.judgement.missing_terms import SUFFIX, with_missing_terms
-from truearm.identification.terms import ArmState
+from truearm.identification.terms.basis import Temperature
 from truearm.solve.group_evidence import determined_shares
 from truearm.solve.sums import DesignEffect
-from truearm.typing import FloatArray, IntArray
+from truearm.typing import BoolArray, FloatArray
+
+# Information of all readings on a motion, by that of its prior, below which it stays as by the sample, if a step along
+# it is more than this share of the prior.
+LEAST_SHOWN, MOST_OF_PRIOR = 10.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,90 +55,113 @@ def of_the_model_itself(arm: IdentificationResult) -> IdentificationResult:
     return arm.select(lambda term: not term.group.endswith(SUFFIX))
 
 
-def improved(arm: IdentificationResult, before: Iterate, sums: ReadingSums) -> Iterate:
-    """The next iterate, from sums over all readings at the one before.
+def shown_motions(arm: IdentificationResult, at: Iterate, sums: ReadingSums) -> FloatArray:
+    """(p, p) projection of a change of the coefficients onto motions that all readings show.
 
-    Steps shrink by about the same factor, so that of two steps follows what a third one would be.
+    Along others (the place of a joint and a tip that move together) derivatives change with what is left of the
+    residuals, and steps of the normal equations lead far beyond the prior, to and fro. These stay as by the sample.
+    """
+    own = np.arange(len(at.x))
+    std = arm.prior_std[own]
+    step = sums.posterior(at.x, arm.prior_std, own).x - at.x
+    sizes, directions = np.linalg.eigh(sums.gram[np.ix_(own, own)] * np.outer(std, std))
+    shown = directions[:, (sizes > LEAST_SHOWN) | (np.abs(directions.T @ (step / std)) < MOST_OF_PRIOR)]
+    return std[:, None] * (shown @ (shown.T / std))
+
+
+def improved(arm: IdentificationResult, before: Iterate, sums: ReadingSums, shown: FloatArray) -> Iterate:
+    """The next iterate, from sums over all readings at the one before, along the motions that they show.
+
+    Steps shrink by about the same factor, so that of two of them follows what a third one would be.
     """
     own = np.arange(len(before.x))
-    found = sums.posterior(before.x, arm.prior_std, own)
-    step = found.x - before.x
-    size = float(step @ sums.gram[np.ix_(own, own)] @ step)
-    factor = sums.correlated(found, arm.prior_std, own)[1].factor
-    moved = float(np.sqrt(max(size, 0.0) / (factor * len(own))))
+    found, gram = sums.posterior(before.x, arm.prior_std, own), sums.gram[np.ix_(own, own)]
+    step = shown @ (found.x - before.x)
+    factor = sums.effect(found, arm.prior_std, own).factor
+    moved = float(np.sqrt(max(float(step @ gram @ step), 0.0) / (factor * len(own))))
     following = moved if before.moved is None else moved * min(moved / max(before.moved, 1e-300), 1.0)
     noise = sums.noise_mm2(before.noise_mm2, float(len(own)))
     is_settled = following < SETTLED_STEP and abs(np.log(noise / before.noise_mm2)) < SETTLED_STEP
-    return Iterate(found.x, noise, moved, is_settled)
+    return Iterate(before.x + step, noise, moved, is_settled)
 
 
-def without_part(arm: IdentificationResult, at: Iterate, sums: ReadingSums, part: ReadingSums) -> FloatArray:
+def without_part(
+    arm: IdentificationResult, at: Iterate, sums: ReadingSums, part: ReadingSums, shown: FloatArray
+) -> FloatArray:
     """(p,) coefficients by the readings that are not in a part, from sums at the same iterate."""
-    return sums.without(part).posterior(at.x, arm.prior_std, np.arange(len(at.x))).x
+    found = sums.without(part).posterior(at.x, arm.prior_std, np.arange(len(at.x)))
+    return at.x + shown @ (found.x - at.x)
 
 
 def identified(
-    arm: IdentificationResult,
-    at: Iterate,
-    sums: ReadingSums,
-    *,
-    sample: ArmState,
-    scale_errors: FloatArray,
-    same_every_day: bool,
+    of_sample: IdentificationResult, arm: IdentificationResult, at: Iterate, sums: ReadingSums, x: FloatArray
 ) -> tuple[IdentificationResult, DesignEffect]:
-    """The arm by all readings, with its uncertainty, and by how much correlated readings are worth less.
+    """The arm of a sample by all readings, and by how much correlated readings are worth less.
+
+    What the readings do not show (another day, states that no reading had, the reference's scale) is in the uncertainty
+    as by the sample: more readings of the same kind do not lessen it. So is how the links grow. What all readings
+    change is the rest, were growth known.
 
     Parameters
     ----------
+    of_sample : IdentificationResult
+        The arm with all of its uncertainty.
     arm : IdentificationResult
-        By the sample.
+        The same by readings and priors alone.
     at : Iterate
     sums : ReadingSums
         Of all readings, at it.
-    sample : ArmState
-        Of the sample.
-    scale_errors : (n_sample, 3) array
-        Errors of its points by the scale of the reference [mm].
-    same_every_day : bool
-        Whether nothing changes from day to day, as of the nominal arm.
+    x : (p,) array
+        Coefficients of the model itself by them.
     """
     own, every = np.arange(len(at.x)), np.arange(len(arm.prior_std))
     found = sums.posterior(at.x, arm.prior_std, own)
     covariance, effect = sums.correlated(found, arm.prior_std, own)
-    references = tuple(replace(part, noise_std=float(np.sqrt(at.noise_mm2))) for part in arm.references)
-    fit = replace(
-        of_the_model_itself(arm),
-        coefficients=found.x,
-        covariance=covariance,
-        groups=tuple(_groups(arm, found.variance, own)),
-        references=references,
-        repeatability_covariance=None,
-    )
-    result = fit
+    by_all = replace(of_the_model_itself(arm), coefficients=found.x, covariance=covariance)
     if len(own) < len(every):
         wider = sums.posterior(np.pad(at.x, (0, len(every) - len(own))), arm.prior_std, every)
         of_wider, _ = sums.correlated(wider, arm.prior_std, every)
-        result = with_missing_terms(fit, replace(arm, coefficients=wider.x, covariance=of_wider))
-    # The response of the coefficients to an error that all points share is that of the sample: more readings of the
-    # same kind do not lessen it.
-    share = len(arm.references[0].rows) / max(sums.n, 1)
-    of_sample = replace(sums, gram=sums.gram * share, gradient=sums.gradient * share)
-    alike = replace(fit, covariance=of_sample.posterior(at.x, arm.prior_std, own).covariance)
-    response = response_to_point_errors(alike, sample, scale_errors)
-    if not same_every_day:
-        result = on_another_day(result)
-    return with_shared_error(result, response), effect
+        by_all = with_missing_terms(by_all, replace(arm, coefficients=wider.x, covariance=of_wider))
+    by_all = replace(by_all, coefficients=np.pad(x, (0, len(every) - len(own))))
+    grows = arm.columns_of(lambda term: isinstance(term.basis, Temperature))
+    known = of_sample.coefficients[: len(grows)][grows]
+    (by_sums, more), (by_sample, less) = (_were_growth_known(one, grows, known) for one in (by_all, arm))
+    others = np.flatnonzero(~grows)
+    coefficients, covariance = of_sample.coefficients.copy(), of_sample.covariance.copy()
+    coefficients[others] += by_sums - by_sample
+    same, block = of_sample.repeatability_covariance, np.ix_(others, others)
+    covariance[block] += more - less
+    if same is not None:
+        same = same.copy()
+        same[block] += more - less
+    references = tuple(replace(part, noise_std=float(np.sqrt(at.noise_mm2))) for part in arm.references)
+    return replace(
+        of_sample,
+        coefficients=coefficients,
+        covariance=covariance,
+        repeatability_covariance=same,
+        groups=tuple(_groups(of_sample, by_all, found.variance)),
+        references=references,
+    ), effect
 
 
-def _groups(arm: IdentificationResult, variance: FloatArray, own: IntArray) -> list[TermGroupResult]:
-    """Groups of the model's own terms, with the coefficients that all readings determine."""
-    chain = PerturbedChain(
-        arm.perturbed_chain.chain,
-        tuple(term for term in arm.perturbed_chain.terms if not term.group.endswith(SUFFIX)),
-    )
-    determined = determined_shares(variance, arm.prior_std[own] ** -2.0)
-    effective = dict.fromkeys((term.group for term in chain.terms), 0.0)
-    for term, columns in zip(chain.terms, chain.columns, strict=True):
-        effective[term.group] += float(determined[columns].sum())
-    kept = [group for group in arm.groups if not group.name.endswith(SUFFIX)]
-    return [replace(group, effective=effective.get(group.name, 0.0)) for group in kept]
+def _were_growth_known(
+    fit: IdentificationResult, grows: BoolArray, growth: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The other coefficients, and their covariance, were the growth of the links known."""
+    covariance, others = fit.covariance, ~grows
+    gain = np.linalg.solve(covariance[np.ix_(grows, grows)], covariance[np.ix_(grows, others)])
+    x = fit.coefficients[others] + (growth - fit.coefficients[grows]) @ gain
+    return x, covariance[np.ix_(others, others)] - covariance[np.ix_(others, grows)] @ gain
+
+
+def _groups(
+    of_sample: IdentificationResult, by_all: IdentificationResult, variance: FloatArray
+) -> Iterator[TermGroupResult]:
+    """Groups with the coefficients that all readings determine; how links grow is that of the sample."""
+    determined = determined_shares(variance, by_all.prior_std[: len(variance)] ** -2.0)
+    effective: dict[str, float] = {}
+    for term, columns in zip(by_all.perturbed_chain.terms, by_all.perturbed_chain.columns, strict=True):
+        if columns[-1] < len(variance) and not isinstance(term.basis, Temperature):
+            effective[term.group] = effective.get(term.group, 0.0) + float(determined[columns].sum())
+    return (replace(group, effective=effective.get(group.name, group.effective)) for group in of_sample.groups)

@@ -188,6 +188,8 @@ class Identification:
     ----------
     fit : IdentificationResult
         The identified chain and terms.
+    by_readings : IdentificationResult
+        The same by these readings and priors alone, before `what_may_change`.
     excluded_terms : tuple of SkippedTerm
         Terms that the readings could not show, and why.
     held_out : HeldOutReadings
@@ -217,6 +219,7 @@ class Identification:
     """
 
     fit: IdentificationResult
+    by_readings: IdentificationResult
     excluded_terms: tuple[SkippedTerm, ...]
     held_out: HeldOutReadings
     held_out_gross: HeldOutReadings
@@ -614,6 +617,7 @@ def _concluded(
     scale = LengthScale.of(fit, freedom, widened * birge**2, reference_variance=reference_variance)
     return Identification(
         whole,
+        wider,
         excluded,
         kept,
         held_out.select(is_excluded),

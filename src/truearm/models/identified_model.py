@@ -150,7 +150,7 @@ class IdentifiedModel(Compensator):
         self._check_sessions(readings)
         progress(0, "choosing terms")
         found = self._identify(readings, placed, simpler, progress)
-        self.fit_, self.excluded_terms_ = found.fit, found.excluded_terms
+        self.fit_, self._by_readings, self.excluded_terms_ = found.fit, found.by_readings, found.excluded_terms
         self.held_out_, self.held_out_gross_ = found.held_out, found.held_out_gross
         self.held_out_distances_ = found.held_out_distances
         self.held_out_errors_, self.birge_ratio_ = found.held_out_errors, found.birge_ratio
@@ -184,7 +184,12 @@ class IdentifiedModel(Compensator):
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what works out the rest, which no other process needs."""
-        return vars(self.judged()).copy()
+        return {name: value for name, value in vars(self.judged()).items() if name != "_by_readings"}
+
+    @property
+    def by_readings(self) -> IdentificationResult:
+        """See `Identification`, of a model that was just fitted."""
+        return self._by_readings
 
     def _check_options(self) -> None:
         super()._check_options()

@@ -1,8 +1,8 @@
-"""Sessions that do not fit into the memory: one large file, or a folder of files, read part by part.
+"""Sessions in parts: one large file, or a folder of files, that do not fit into the memory, or a long session in it.
 
-A part is what one task reads: some lines of a CSV file, or a row group of a Parquet file. Parts depend on the files
-alone, not on who reads them, so that sums over them in their order are always the same. Every row is checked as in a
-small session.
+A part is what one task reads: some lines of a CSV file, a row group of a Parquet file, or some rows in memory. Parts
+depend on the readings alone, not on who reads them, so that sums over them in their order are always the same. Every
+row is checked as in a small session.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ MAX_READINGS = 2**16
 HEAD_BYTES = 2**16
 # No file is larger: a petabyte. One that is counted must have an end.
 LARGEST_BYTES = 2**50
+# Parts of a session in memory: each is held out in turn.
+LEAST_PARTS = 10
 # Readings of a sample: its judgements cost some seconds of a kinematic model, and some ten of a physical one.
 SAMPLE = 20_000
 # Consecutive readings that stay together in a split by rows.
@@ -197,9 +199,35 @@ class RowGroup(Part):
             raise error.in_file(self.file) from None
 
 
+@dataclass(frozen=True, eq=False)
+class Rows(Part):
+    """Rows of a session in memory.
+
+    Attributes
+    ----------
+    session : Session
+        These rows.
+    """
+
+    session: Session
+
+    def sessions(self) -> Iterator[Session]:
+        """See `Part.sessions`."""
+        yield self.session
+
+    def rows(self, which: IntArray) -> Session:
+        """See `Part.rows`."""
+        return self.session.rows(which)
+
+    @property
+    def first_number(self) -> int:
+        """See `Part.first_number`."""
+        return int(cast(IntArray, self.session.numbers)[0])
+
+
 @dataclass(frozen=True)
 class LargeSession:
-    """A session in one large file, or in the files of a folder, in the order of their names.
+    """A session in one large file, in the files of a folder, in the order of their names, or in memory.
 
     Attributes
     ----------
@@ -270,6 +298,18 @@ class LargeSession:
         if first is None or not sum(part.n_readings for part in parts):
             raise InputError("expected at least one reading, got none", file=path)
         return cls(path, tuple(parts), first[1], executor or Serial(), progress)
+
+    @classmethod
+    def of(
+        cls, session: Session, *, executor: Executor | None = None, progress: Callable[[int, str], None] | None = None
+    ) -> LargeSession:
+        """The parts of a session in memory, ten at least."""
+        path, n = session.file or Path("session"), len(session)
+        starts = range(0, n, min(MAX_READINGS, -(-n // LEAST_PARTS)))
+        parts = [session.rows(np.arange(start, min(start + starts.step, n))) for start in starts]
+        parts[1:] = [replace(part, unfilled=()) for part in parts[1:]]
+        found = [Rows(path, len(one), start, one.n_joints, one) for start, one in zip(starts, parts, strict=True)]
+        return cls(path, tuple(found), Columns(()), executor or Serial(), progress)
 
     def table(self, readings: Session) -> dict[str, FloatArray | NameArray]:
         """Columns of some readings in a session file: the same for all parts, those without a point among them."""

@@ -263,7 +263,7 @@ def fit(
     the nominal arm with the joint zeros that were found to a new arm file.
 
     A folder of session files, or a file beyond 512 MB, is read part by part, and --workers or --scheduler shares the
-    parts out: nominal and kinematic models use all readings, others 20000 of them (docs/large-sessions.md).
+    parts out: models with networks use 20000 readings, others all (docs/large-sessions.md).
     """
     from truearm.arm import load_arm
     from truearm.arm.catalogue import arm_path

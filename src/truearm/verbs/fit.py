@@ -51,6 +51,10 @@ if TYPE_CHECKING:
 WITHOUT_CONSTANTS = frozenset({"nominal", "network"})
 # Groups of terms that are printed, those with most determined coefficients.
 MAX_GROUPS = 8
+# Readings in memory that are fitted at once: of more, a sample and sums give the same arm in less time.
+MOST_AT_ONCE = 100_000
+# What a reading may have instead of a point alone, or beside it.
+BESIDE_POINTS = ("seat", "quaternion", "sphere", "plane", "line", "anchor", "tip", "session", "pose_errors")
 
 
 @one_blas_thread()
@@ -72,8 +76,8 @@ def fit(
     """Identify an arm: fit a model to the readings of a session.
 
     Of a session in parts (docs/large-sessions.md) an evenly spaced sample is fitted: it shows whether the readings are
-    of the arm, which model and which terms, what it leaves unexplained and where. The coefficients of a nominal or
-    kinematic model and their covariance are then those of all readings, by sums over the parts.
+    of the arm, which model and which terms, what it leaves unexplained and where. The coefficients of a nominal,
+    kinematic or physical model and their covariance are then those of all readings, by sums over the parts.
 
     Parameters
     ----------
@@ -82,7 +86,8 @@ def fit(
         the number and kind of the joints, and all ranges, are those of the readings.
     session : Session, DataFrame, str or Path
         Readings with reference points, seats, distances to anchors or surfaces. A folder of files, or a file beyond
-        512 MiB, is read part by part.
+        512 MiB, is read part by part; more than 100,000 readings in memory with points alone are in parts too (with
+        temperatures, of nominal and kinematic models).
     model : {"auto", "nominal", "kinematic", "physical", "network", "hybrid"}
         ``"auto"`` fits the first three, and the hybrid model where it may win, and selects the simplest whose mean
         error on held-out readings is within one standard error of the smallest; of fewer than ten positions or
@@ -104,7 +109,7 @@ def fit(
     executor : Executor, optional
         Who sums over the parts; this process by default. The model does not depend on it.
     progress : callable, optional
-        Called with the number of steps done, of parts that of their readings, and a note.
+        Called with the number of steps done, of files in parts that of their readings, and a note.
     **options
         Of the model's class (`KinematicModel`, `PhysicalModel`, `HybridModel`, `NetworkModel`), such as
         ``hidden=(50, 50)`` for a network or ``terms``, terms of your own for the physical model; with ``"auto"`` only
@@ -132,13 +137,17 @@ def fit(
     parts, known_arm = to_free_parts(free), None if arm is None else to_arm(arm)
     n_joints = None if known_arm is None else known_arm.n_joints
     work = partial(_fit, known_arm, model=model, free=parts, limits=limits, lengths=lengths, prior=prior, accept=accept)
-    if not is_large(session):
-        return work(to_session(session, n_joints=n_joints), progress=progress, **options)
+    given = session if is_large(session) else to_session(session, n_joints=n_joints)
+    if isinstance(given, Session) and not _is_summed(given, model, lengths, options):
+        return work(given, progress=progress, **options)
     from truearm.readings.large_sessions import LargeSession  # no small session waits for these
     from truearm.verbs.fit_sums import check_lengths_in_sample, fit_all
 
-    large = LargeSession.open(session, n_joints=n_joints, executor=executor, progress=progress)
     of_sample = progress and (lambda _, note: progress(0, f"sample: {note}"))
+    if isinstance(given, Session):
+        large = LargeSession.of(given, executor=executor, progress=progress and (lambda _, note: progress(0, note)))
+    else:
+        large = LargeSession.open(given, n_joints=n_joints, executor=executor, progress=progress)
     sample = large.sample()
     if lengths is not None:
         check_lengths_in_sample(lengths, sample, large)
@@ -150,6 +159,12 @@ def fit(
         hint = "fit each file alone: one of them may differ from the others, in its units or its arm"
         raise error.with_hint(f"{error.hint}; or {hint}" if error.hint else hint) from None
     new, every = fit_all(found.model, found.session, found.n_readings, large, limits, accept)
+    if isinstance(given, Session):
+        if every.why_of_sample:
+            return work(given, progress=progress, **options)
+        rows = np.searchsorted(np.asarray(given.numbers), np.asarray(sample.numbers))
+        outliers = (one if one.row is None else replace(one, row=int(rows[one.row])) for one in found.outliers)
+        found = replace(found, outliers=tuple(outliers))
     others = (one for one in found.findings if one.what != "acceptance")
     findings = in_order((*findings_of("acceptance", acceptance_remarks(accept)), *others))
     return replace(found, model=new, n_readings=len(large), all_readings=every, findings=findings)
@@ -206,6 +221,21 @@ def _fit(
         frame_changes=learned.changes,
         findings=in_order(found),
     )
+
+
+def _is_summed(session: Session, model: ModelName, lengths: LengthsLike | None, options: Mapping[str, Any]) -> bool:
+    """Whether a session in memory is as long as one in parts, and all that is fitted are sums over its points.
+
+    How links lag behind the air, by the order of the readings, needs all of them.
+    """
+    if len(session) <= MOST_AT_ONCE or model in ("network", "hybrid") or "terms" in options or lengths is not None:
+        return False
+    degC = session.temperature_degC
+    if model in ("auto", "physical") and degC is not None and np.ptp(degC) > 0:
+        return False
+    numbers = np.asarray(session.numbers)
+    is_in_order, is_robust = bool((np.diff(numbers) > 0).all()), options.get("robust", True)
+    return is_in_order and is_robust and all(getattr(session, name) is None for name in BESIDE_POINTS)
 
 
 def _check_choice(model: ModelName, options: Mapping[str, Any], *, has_arm: bool) -> None:

@@ -16,19 +16,27 @@ from truearm.acceptance import accept_also, accepted, accepting, contradict, ove
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.reading_sums import ReadingSums
-from truearm.identification.from_sums import Iterate, identified, improved, of_the_model_itself, without_part
+from truearm.identification.from_sums import (
+    Iterate,
+    identified,
+    improved,
+    of_the_model_itself,
+    shown_motions,
+    without_part,
+)
+from truearm.identification.judgement.expansion_prior import at_mean_temperature
 from truearm.identification.judgement.gross_errors import LEAST_READINGS, gross_error_limit
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
-from truearm.identification.judgement.joint_signs import with_unshown_signs, without_unshown_signs
+from truearm.identification.references.prepared_readings import tip_motions
 from truearm.identification.references.reading_references import references_of
 from truearm.identification.references.references import Points
+from truearm.identification.terms import ArmState
 from truearm.models import Compensator
 from truearm.models.identified_model import IdentifiedModel, to_identified
 from truearm.models.training_conditions import InputRange, TrainingConditions
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_errors import PointErrorSums
-from truearm.readings.reference_uncertainty import scale_errors
 from truearm.solve.sums import MAX_KEPT, DesignEffect, Sums, different, first_different, joined
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import LengthsLike, Limits, allowed_in_part, check_has_reference
@@ -144,8 +152,8 @@ class AllReadings:
             return
         used, gross = self.total.sums.n, self.total.sums.n_gross
         yield (
-            f"Constants and their uncertainty are those of {used} readings, in {self.n_passes} passes; terms, what "
-            f"is unexplained and which readings are gross errors, those of {n_sample} of them, evenly spaced."
+            f"Constants and their uncertainty are those of {used} readings, in {self.n_passes} passes; terms, growth "
+            f"of links, what is unexplained and which readings are gross errors, those of {n_sample}, evenly spaced."
         )
         if not (identified_model := to_identified(model)) or not identified_model.fit_.converged:
             yield f"The constants still changed in pass {self.n_passes}: their uncertainty may be larger."
@@ -201,6 +209,7 @@ def sums_of_readings(
     at: Iterate,
     without_part: FloatArray | None,
     gross_limit: float,
+    angle_std: FloatArray | None,
     limits: Limits,
     accept: str | None,
     n_session: int,
@@ -208,7 +217,7 @@ def sums_of_readings(
     """Sums over some readings of a part.
 
     Predicted are those of a stretch by the coefficients `without_part`; from a whitened length of `gross_limit` on a
-    reading is a gross error.
+    reading is a gross error. Rounded angles have uncertainties `angle_std` (n_joints,).
     """
     chain = model.fit_.perturbed_chain
     with accepting(accept):
@@ -217,12 +226,15 @@ def sums_of_readings(
         if not len(used):
             return FitSums(len(given), ReadingSums.zero(chain.n_coefficients), overridden=overridden())
         check_has_reference(used, model.arm, purpose="fit to")
-        state, accepted_here = model.at(used).state, overridden()
+        state, accepted_here = _mean_state(model, used), overridden()
 
     def complete(x: FloatArray) -> FloatArray:
         return np.pad(x, (0, chain.n_coefficients - len(x)))  # those of missing terms are zero
 
-    points = next(one for one in references_of(used, None) if isinstance(one, Points))
+    points = _points_of(used)
+    if angle_std is not None:
+        by_rounding = (tip_motions(chain.chain, state.angles, angle_std) ** 2).sum(axis=0)
+        points = replace(points, point_std=np.sqrt(points.std.T**2 + by_rounding))
     sums, gross = ReadingSums.of(chain, state, points, complete(at.x), at.noise_mm2, gross_limit, n_session)
     held_out = nominal = PointErrorSums()
     if without_part is not None:
@@ -247,9 +259,9 @@ def fit_all(
 ) -> tuple[Compensator, AllReadings]:
     """The model of a sample by all readings of its session, where sums say it, and what is known of it then.
 
-    The coefficients of a nominal or kinematic model and their covariance are those of all readings, by sums over the
-    parts, with the errors of stretches of the session that are held out in turn; models of other kinds stay those of
-    the sample.
+    The coefficients of a nominal, kinematic or physical model and their covariance are those of all readings, by sums
+    over the parts, with the errors of stretches of the session that are held out in turn; models with networks or with
+    a residual process stay those of the sample.
 
     Raises
     ------
@@ -259,7 +271,7 @@ def fit_all(
     of_sample, why_not = to_identified(model), _why_of_sample(model)
     if of_sample is None or why_not:
         return model, AllReadings(n_sample, why_not)
-    arm, signs = without_unshown_signs(of_sample.fit_)
+    arm = of_sample.by_readings
     # The first pass is never the last: the missing terms, most of the work, are summed from the second on.
     first, later = (sent_model(of_sample, fit) for fit in (of_the_model_itself(arm), arm))
     gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
@@ -268,6 +280,7 @@ def fit_all(
     by_fold: dict[int, FloatArray] = {}
     n_pass = 0
     work = partial(sums_of_readings, gross_limit=gross, limits=limits, accept=accept, n_session=len(large))
+    work = partial(work, angle_std=_counted_rounding(of_sample, arm, sample))
     while n_pass < 2 or (n_pass < MAX_PASSES and not following.is_settled):
         at, n_pass, sent = following, n_pass + 1, later if n_pass else first
         works = [partial(work, model=sent, at=at, without_part=by_fold.get(fold)) for fold in folds]
@@ -275,25 +288,46 @@ def fit_all(
         for fold, one in zip(folds, large.sums(works, f"pass {n_pass}: "), strict=True):
             of_folds[fold] = of_folds[fold] + one if fold in of_folds else one
         total = reduce(add, of_folds.values())
+        if not total.sums.n:
+            raise InputError(
+                f"all {total.n_read} readings are gross errors of the model of {n_sample} of them",
+                file=large.path,
+                hint="fit a part of the readings alone",
+            )
         if accept is None:
             _check_files(total)
-        following = improved(arm, at, total.sums)
+        shown = shown_motions(arm, at, total.sums)
+        following = improved(arm, at, total.sums, shown)
         if len(of_folds) > 1:
-            by_fold = {fold: without_part(arm, at, total.sums, one.sums) for fold, one in of_folds.items()}
+            by_fold = {fold: without_part(arm, at, total.sums, one.sums, shown) for fold, one in of_folds.items()}
     if accept is not None:
         _check_files(total)
     accept_also(total.overridden)
-    errors = scale_errors(sample, is_frame_free="base" in of_sample.free_)
-    is_nominal, state = of_sample.kind == "nominal", of_sample.at(sample).state
-    whole, effect = identified(arm, at, total.sums, sample=state, scale_errors=errors, same_every_day=is_nominal)
-    whole = replace(with_unshown_signs(whole, signs), converged=following.is_settled, rounds=n_pass)
+    whole, effect = identified(of_sample.fit_, arm, at, total.sums, following.x)
+    whole = replace(whole, converged=following.is_settled, rounds=n_pass)
     new = copy.copy(of_sample)
     new.accepted_ = accepted(of_sample.accepted_)
     new.fit_, new.training_ = whole, conditions_of_all(total.inputs, of_sample.training_)
-    if is_nominal:
+    if new.kind == "nominal":
         new.nominal_ = whole
     new.held_out_errors_ = _held_out_errors(total, len(by_fold)) or of_sample.held_out_errors_
     return new, AllReadings(n_sample, "", n_pass, total, effect)
+
+
+def _points_of(readings: Session) -> Points:
+    return next(one for one in references_of(readings, None) if isinstance(one, Points))
+
+
+def _counted_rounding(model: IdentifiedModel, arm: IdentificationResult, sample: Session) -> FloatArray | None:
+    """(n_joints,) uncertainties of rounded angles, where the sample shows that they are rounded."""
+    stated = _points_of(sample.rows(sample.has_point)).std ** 2
+    return model.training_.angle_std if (arm.references[0].std ** 2).sum() > (1 + 1e-9) * stated.sum() else None
+
+
+def _mean_state(model: IdentifiedModel, readings: Session) -> ArmState:
+    """State at readings, at temperatures about their mean in training."""
+    trained = model.training_.temperature_degC
+    return at_mean_temperature(model.at(readings).state, None if trained is None else trained.mean)
 
 
 def conditions_of_all(inputs: Mapping[str, Spread], of_sample: TrainingConditions) -> TrainingConditions:
@@ -314,13 +348,18 @@ def conditions_of_all(inputs: Mapping[str, Spread], of_sample: TrainingCondition
 
 def _why_of_sample(model: Compensator) -> str:
     """Why a model stays that of the sample; nothing where it is identified from all readings."""
-    identified_model = to_identified(model)
-    if identified_model is None or model.kind == "physical":
-        return f"a {model.kind} model is not identified from sums over a session (--model kinematic is)"
+    if (identified_model := to_identified(model)) is None:
+        return f"a {model.kind} model is not identified from sums over a session (--model physical is)"
     if [part.kind for part in identified_model.fit_.references] != ["point"]:
         return "sums over a session are of reference points alone"
     if model.session_frames_:
         return "the readings are of several sessions"
+    if identified_model.residual_process_ is not None:
+        return "its residual process is not summed"
+    if not identified_model.get_params().get("robust", True):
+        return "sums over a session have robust weights"
+    if not len(identified_model.fit_.coefficients):
+        return "nothing of it is identified"
     return "terms of your own are not summed" if identified_model.terms else ""
 
 

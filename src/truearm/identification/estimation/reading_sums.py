@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import reduce
+from itertools import pairwise, starmap
 
 import numpy as np
 
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.estimation.problem import SmallMotionProblem
+from truearm.identification.estimation.problem import GaussNewtonSums
 from truearm.identification.estimation.residual_variance import (
     FLOOR_MM2,
     expected_clipped_square,
@@ -70,7 +71,7 @@ class ReadingSums(Sums):
         points: Points,
         x: FloatArray,
         noise_mm2: float,
-        gross: float,
+        gross_limit: float,
         n_session: int | None = None,
     ) -> tuple[ReadingSums, IntArray]:
         """Sums over points, and which of them are gross errors.
@@ -86,37 +87,34 @@ class ReadingSums(Sums):
             Coefficients.
         noise_mm2 : float
             Variance of a residual beyond the stated uncertainty.
-        gross : float
+        gross_limit : float
             Whitened length from which a reading is a gross error.
         n_session : int, optional
             Readings of the session, of which these are a part (`block_starts`).
         """
-        residuals = (chain.tips(state, x) - points.points).T
-        squares, known = residuals**2, points.std**2
-        lengths = np.sqrt((squares / (known + noise_mm2)).sum(axis=0))
-        is_gross = lengths > gross
-        variance = known + noise_mm2
-        robust = np.where(is_gross, 0.0, huber_weights(residuals.T, variance.T))
-        of_repeats = 0.0 if points.repeat_variance is None else points.repeat_variance
-        weights = np.sqrt(robust / (variance + of_repeats))
-        most = huber_threshold_squared(len(squares))
-        squares, known = squares[:, ~is_gross], known[:, ~is_gross]
-        clipped = [
-            float(np.minimum((squares / (known + noise_mm2 * trial)).sum(axis=0), most).sum()) for trial in TRIAL_NOISE
-        ]
-        n, starts = len(robust), block_starts(len(robust), n_session)
-        gram, scores = np.zeros((len(x), len(x))), []
-        for start, stop in zip(starts.tolist(), [*starts[1:].tolist(), n], strict=True):
-            rows = np.arange(start, stop)
-            block = Points(rows - start, points.points[rows], None)
-            problem = SmallMotionProblem(chain, state.rows(rows), (block,))
-            equations = problem.normal_equations(x, [weights[:, rows]])[0]
-            gram += equations.head
-            scores.append(equations.gradient)
-        gradient = reduce(np.add, scores)
-        n_gross = int(is_gross.sum())
-        sums = cls(n - n_gross, n_gross, gram, gradient, np.array(clipped), np.array(scores))
-        return sums, np.flatnonzero(is_gross)
+        most, n = huber_threshold_squared(3), len(state)
+        equations, clipped, scores, gross_rows = GaussNewtonSums(chain, 0, n), np.zeros(len(TRIAL_NOISE)), [], []
+        starts = block_starts(n, n_session).tolist()
+        for block in starmap(slice, pairwise([*starts, n])):
+            equations.gradient[:] = 0.0
+            within = state.rows(block)
+            for some, tips, along_sites, values in chain.site_derivatives(within, x):
+                rows = np.arange(n)[block][some]
+                residuals, known = tips - points.points[rows].T, points.std[:, rows] ** 2
+                squares, variance = residuals**2, known + noise_mm2
+                is_gross = (squares / variance).sum(axis=0) > gross_limit**2
+                robust = np.where(is_gross, 0.0, huber_weights(residuals.T, variance.T))
+                of_repeats = 0.0 if points.repeat_variance is None else points.repeat_variance[rows]
+                weights = np.sqrt(robust / (variance + of_repeats))
+                equations.add(residuals * weights, along_sites * weights, values, within.joint_angles[some])
+                squares, known = squares[:, ~is_gross], known[:, ~is_gross]
+                trials = known + noise_mm2 * TRIAL_NOISE[:, None, None]
+                clipped += np.minimum((squares / trials).sum(axis=1), most).sum(axis=1)
+                gross_rows.append(rows[is_gross])
+            scores.append(equations.gradient[np.argsort(equations.order)])
+        gross = np.concatenate(gross_rows)
+        gradient, gram = reduce(np.add, scores), equations.equations().head
+        return cls(n - len(gross), len(gross), gram, gradient, clipped, np.array(scores)), gross
 
     def without(self, part: ReadingSums) -> ReadingSums:
         """Sums over the readings that are not in a part; all scores."""
@@ -132,6 +130,11 @@ class ReadingSums(Sums):
         prior = GroupedPrior(prior_std[which], np.zeros(n, np.intp), np.ones(1), np.zeros(1, bool))
         return posterior(gram, gram @ x[which] - self.gradient[which], prior)
 
+    def effect(self, independent: Posterior, prior_std: FloatArray, which: IntArray) -> DesignEffect:
+        """By how much correlated readings are worth less for these coefficients."""
+        determined = float(determined_shares(independent.variance, prior_std[which] ** -2.0).sum())
+        return design_effect(self.scores[:, which], independent.covariance, self.n, determined)
+
     def correlated(
         self, independent: Posterior, prior_std: FloatArray, which: IntArray
     ) -> tuple[FloatArray, DesignEffect]:
@@ -143,8 +146,8 @@ class ReadingSums(Sums):
         allows to know.
         """
         precision, root = prior_std[which] ** -2.0, independent.root
+        effect = self.effect(independent, prior_std, which)
         determined = float(determined_shares(independent.variance, precision).sum())
-        effect = design_effect(self.scores[:, which], independent.covariance, self.n, determined)
         alike = effect.factor * self.gram[np.ix_(which, which)]
         sizes, directions = np.linalg.eigh(root @ (effect.scatter - alike) @ root.T)
         sizes = np.maximum(sizes, 0.0) * effect.n_blocks / (effect.n_blocks + determined)

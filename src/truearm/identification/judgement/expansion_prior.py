@@ -151,10 +151,12 @@ class _Mixture:
                 yield moved[of], self.weight[of], gain, of
 
 
-def at_mean_temperature(state: ArmState) -> ArmState:
-    """The state with temperatures about 20 degC instead of about their mean: its lengths are those at the mean."""
+def at_mean_temperature(state: ArmState, mean_degC: float | None = None) -> ArmState:
+    """The state with temperatures about 20 degC instead of about their mean, or that given: lengths are those there."""
     degC = state.temperature_degC
-    return state if degC is None else replace(state, temperature_degC=degC - degC.mean() + REFERENCE_DEGC)
+    if degC is None:
+        return state
+    return replace(state, temperature_degC=degC - (degC.mean() if mean_degC is None else mean_degC) + REFERENCE_DEGC)
 
 
 def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: float = 1.0) -> IdentificationResult:
