@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -119,17 +118,10 @@ def with_unshown_signs(fit: IdentificationResult, signs: Sequence[UnshownSign]) 
     return replace(fit, groups=(*fit.groups, TermGroupResult(GROUP, 2 * len(signs), 0.0, 1.0))) if signs else fit
 
 
-def without_unshown_signs(fit: IdentificationResult) -> tuple[IdentificationResult, list[UnshownSign]]:
-    """The fit without the terms of signs, and what `with_unshown_signs` puts back."""
-    chain, signs = fit.perturbed_chain, []
-    terms = list(zip(chain.terms, chain.columns, strict=True))
-    for (along, (column,)), (across, _) in pairwise([one for one in terms if one[0].group == GROUP]):
-        if along.name.endswith(ALONG):
-            change = fit.covariance[:, column] / fit.covariance[column, column]
-            changes = {term: change[columns] for term, columns in terms if term.group != GROUP}
-            signs.append(UnshownSign(changes, (along, across)))
+def without_unshown_signs(fit: IdentificationResult) -> IdentificationResult:
+    """The fit without the terms of signs."""
     groups = tuple(group for group in fit.groups if group.name != GROUP)
-    return replace(fit.select(lambda term: term.group != GROUP), groups=groups), signs
+    return replace(fit.select(lambda term: term.group != GROUP), groups=groups)
 
 
 def signs_not_shown(fit: IdentificationResult) -> Iterator[Finding]:

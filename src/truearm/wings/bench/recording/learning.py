@@ -212,7 +212,7 @@ class Learning:
         else:
             self._arm, self._prior = identified_prior(
                 self._model.arm_,
-                without_unshown_signs(self._model.fit_)[0],
+                without_unshown_signs(self._model.fit_),
                 noise_mm=self._model.residual_std_,
                 state=lambda angles: self._state(Session(angles)),
             )
