@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refusals import refuses
+from truearm.errors import InputError
 from truearm.files.delimited import append_rows, escape_formula, read_columns, read_form, write_columns
 
 names = st.text(st.characters(blacklist_categories=("Cs", "Cc")) | st.sampled_from("'=+-@\t"), max_size=8)
@@ -83,3 +84,12 @@ def test_a_header_without_rows_is_refused_at_its_line(tmp_path):
     path.write_text("a,b\n")
     refused = refuses("expected at least one row of numbers, got none", read_columns, read_form(path), [0, 1], [])
     assert (refused.file, refused.line) == (path, 1)
+
+
+@pytest.mark.parametrize(("end", "is_cut_short"), [("1,2\n5", True), ("1,2\n5\n", False), ("1\n5,6", False)])
+def test_a_last_line_without_its_end_may_be_one_of_a_recording(tmp_path, end, is_cut_short):
+    path = tmp_path / "session.csv"
+    path.write_text(f"q1,q2\n{end}", encoding="utf-8")
+    with pytest.raises(InputError, match="expected 2 values as in the line above, got 1") as refused:
+        read_columns(read_form(path), [0, 1])
+    assert ("recording" in str(refused.value)) is is_cut_short

@@ -138,6 +138,8 @@ class Sheet:
             hint = "write decimal points, not commas, and a name that holds a comma in quotation marks"
         elif len(cells) < len(self.names):
             hint = "a separator or a value is missing"
+            if self.first_line + row == self.data_line + self.data.count(b"\n"):  # no line break ends it
+                hint += "; a recording that was cut short removes its last line when it is continued"
         problem = f"expected {len(self.names)} values as in the line above, got {len(cells)}"
         return self.error(problem, row, hint=hint)
 
