@@ -13,7 +13,6 @@ import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from unittest.mock import patch
@@ -119,7 +118,7 @@ def fits(readings: tuple[int, ...] = (100_000, 1_000_000), kind: str = "kinemati
 
 def fitted_in_memory(n: int) -> dict[str, float]:
     """CPU seconds of a physical fit of n readings of a virtual arm in one session, and the peak memory."""
-    session = replace(ta.simulate("gao2017", poses=n, seed=1).session, temperature_degC=None)
+    session = ta.simulate("gao2017", poses=n, seed=1).session
     made, begun = peak_bytes(), cpu_seconds()
     found = ta.fit("gao2017", session, model="physical")
     assert found.n_readings == n
@@ -133,7 +132,7 @@ def fitted_in_memory(n: int) -> dict[str, float]:
 
 @ROWS.row("in-memory", threads="one", quick={"readings": (300, 600)})
 def in_memory(readings: tuple[int, ...] = (150_000, 1_000_000)) -> RowResult:
-    """A physical fit of all readings of a session in memory, without temperatures."""
+    """A physical fit of all readings of a session in memory."""
     table = [own_process(fitted_in_memory, n) for n in readings]
     largest = table[-1]
     return RowResult(
@@ -149,8 +148,7 @@ def in_memory(readings: tuple[int, ...] = (150_000, 1_000_000)) -> RowResult:
 @ROWS.row("by-sums", threads="one", quick={"readings": (600,), "at_once": 500})
 def by_sums(readings: tuple[int, ...] = (60_000,), at_once: int = 50_000) -> Iterator[dict[str, float | str]]:
     """Fits by sums against those of all readings at once: CPU seconds, points, and their uncertainty."""
-    sessions = (ta.simulate("ur10", poses=n, seed=n).session for n in (readings[-1], 2000))
-    training, test = (replace(one, temperature_degC=None) for one in sessions)
+    training, test = (ta.simulate("ur10", poses=n, seed=n).session for n in (readings[-1], 2000))
     for kind in ("nominal", "kinematic", "physical"):
         found = {}
         for most in (at_once, readings[-1]):

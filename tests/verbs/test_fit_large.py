@@ -140,13 +140,11 @@ def fit_all_and_keep(fit_all, samples, model, *others):
 def physical_by_sums():
     """Of readings at one temperature, and at many: what is fitted, and the model of its sample."""
     samples, training = [], ta.simulate("ur10", poses=1200, seed=1).session
-
     sessions = [replace(training, temperature_degC=np.full(1200, 20.5)), training]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "SAMPLE", 600)
         patch.setattr(fit_module, "MOST_AT_ONCE", 1000)
         patch.setattr(fit_sums, "fit_all", partial(fit_all_and_keep, fit_sums.fit_all, samples))
-        patch.setattr(fit_module, "_is_summed", lambda *_: True)  # as of a folder
         found = [ta.fit("ur10", session, model="physical") for session in sessions]
     return list(zip(sessions, found, samples, strict=True))
 
@@ -178,9 +176,6 @@ def test_what_is_not_summed_is_fitted_at_once(session, monkeypatch):
     wide = replace(few, points=ta.load_arm("ur10").chain.tip_in_base(few.angles))
     for options in fits.values():
         assert ta.fit("ur10", wide, **options).all_readings is None
-    warm = replace(few, temperature_degC=np.linspace(20, 21, len(few)))
-    assert not fit_module._is_summed(warm, "physical", None, {})
-    assert fit_module._is_summed(warm, "kinematic", None, {})
 
 
 def test_outliers_of_a_long_session_have_its_rows(session, monkeypatch):

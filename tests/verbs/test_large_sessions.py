@@ -55,6 +55,7 @@ def test_parts_together_are_the_session(folder, session, part_bytes, monkeypatch
     sample = large.sample(77)
     assert np.array_equal(sample.points, session.points[rows])
     assert np.array_equal(sample.numbers, rows + 1)  # of all files
+    assert sample.stride == N / 77
 
 
 def test_a_large_session_is_a_folder_or_a_file_beyond_the_limit(folder, monkeypatch, tmp_path):

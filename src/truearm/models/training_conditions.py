@@ -614,9 +614,9 @@ def session_names(session: Session) -> tuple[str, ...]:
 def _slow_links(session: Session) -> InputRange | None:
     """Temperatures of the slowest links, if they may have lagged far behind the thermometer."""
     degC = session.temperature_degC
-    if degC is None or most_lag_K(degC, session.session) <= LAG_K:
+    if degC is None or most_lag_K(degC, session.session, session.stride) <= LAG_K:
         return None
-    return InputRange.of(lagging_temperatures(degC, TIME_CONSTANTS[-1:], session.session)[:, 0])
+    return InputRange.of(lagging_temperatures(degC, TIME_CONSTANTS[-1:], session.session, session.stride)[:, 0])
 
 
 def fingerprint(data: Session | Lengths) -> str:

@@ -328,7 +328,7 @@ class LargeSession:
         ]
         tasks = [(part, own) for part, _, own in chosen if len(own)]
         sessions = list(results_in_order(self.executor, _rows_of_part, tasks))
-        found = joined_sessions(sessions)
+        found = replace(joined_sessions(sessions), stride=len(self) / len(rows))
         if len({part.file for part in self.parts}) == 1:
             return found
         # A line would be one of many files; a row that is not filled in is no reading.

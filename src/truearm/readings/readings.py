@@ -184,6 +184,7 @@ class Readings(NamedRows):
     unfilled: tuple[str, ...] = ()
     n_repeats: IntArray | None = None
     repeat_std_mm: float = 0.0
+    stride: float = 1.0
     pose_errors: PoseErrors | None = None
 
     def __post_init__(self) -> None:

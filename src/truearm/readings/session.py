@@ -132,6 +132,8 @@ class Session(Readings):
     repeat_std_mm : float
         Standard deviation by which a coordinate of one of them scatters about that mean, beyond its stated uncertainty
         [mm].
+    stride : float
+        Of a sample: readings of the session from one of these to the next, in the mean. Not in a file.
     pose_errors : PoseErrors, optional
         How points and quaternions err together, and what all readings share; they then are poses, each one measurement.
         Not in a file.

@@ -224,14 +224,8 @@ def _fit(
 
 
 def _is_summed(session: Session, model: ModelName, lengths: LengthsLike | None, options: Mapping[str, Any]) -> bool:
-    """Whether a session in memory is as long as one in parts, and all that is fitted are sums over its points.
-
-    How links lag behind the air, by the order of the readings, needs all of them.
-    """
+    """Whether a session in memory is as long as one in parts, and all that is fitted are sums over its points."""
     if len(session) <= MOST_AT_ONCE or model in ("network", "hybrid") or "terms" in options or lengths is not None:
-        return False
-    degC = session.temperature_degC
-    if model in ("auto", "physical") and degC is not None and np.ptp(degC) > 0:
         return False
     numbers = np.asarray(session.numbers)
     is_in_order, is_robust = bool((np.diff(numbers) > 0).all()), options.get("robust", True)

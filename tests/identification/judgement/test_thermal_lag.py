@@ -34,6 +34,16 @@ def test_links_settle_before_each_session():
     assert most_lag_K(air, session) == pytest.approx(0.0, abs=1e-12)
 
 
+def test_links_lag_as_long_behind_the_air_in_a_sample():
+    """Within the change of the air from one reading of the sample to the next."""
+    air = 22 + 3 * np.sin(2 * np.pi * np.arange(20_000) / 2_000)
+    links, of_sample = (lagging_temperatures(air[::k], TIME_CONSTANTS, stride=k) for k in (1, 10))
+    change_K = 3 * 2 * np.pi / 2_000 * 10
+    np.testing.assert_allclose(of_sample[200:], links[2000::10], rtol=0, atol=change_K)
+    assert most_lag_K(air[::10], stride=10.0) == pytest.approx(most_lag_K(air), abs=change_K)
+    assert most_lag_K(air[::10]) > most_lag_K(air) + 10 * change_K  # as if it were read once in ten
+
+
 @pytest.mark.parametrize(
     ("degC", "lags"),
     [(DRIFT, True), (np.linspace(20, 20.6, 120), False), (np.full(120, 20.0), False), (np.repeat([20, 26], 60), False)],

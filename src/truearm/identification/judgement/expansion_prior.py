@@ -185,7 +185,7 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
         return fit
     others, p = np.setdiff1d(np.arange(len(fit.coefficients)), grows), len(fit.coefficients)
     of_growth = fit.covariance[np.ix_(grows, grows)]
-    lag_K = max(LAG_K, most_lag_K(state.temperature_degC, state.session))
+    lag_K = max(LAG_K, most_lag_K(state.temperature_degC, state.session, state.stride))
     mean_degC, spread = float(state.temperature_degC.mean()), float(state.temperature_degC.std())
     by_points, lags, u_K = [part.kind for part in fit.references] == ["point"], lag_K > LAG_K, min(lag_K, spread)
     if by_points:

@@ -89,22 +89,23 @@ class LinkHistory(NamedTuple):
 
 
 def lagging_temperatures(
-    temperature_degC: FloatArray, time_constants: FloatArray, session: NameArray | None = None
+    temperature_degC: FloatArray, time_constants: FloatArray, session: NameArray | None = None, stride: float = 1.0
 ) -> FloatArray:
     """(n, k) temperatures of links with k time constants, in readings, at the temperatures (n,) of the air [degC].
 
-    Links have settled where a session begins, and where the thermometer jumps.
+    Each is `stride` readings after the one before. Links have settled where a session begins, and where the thermometer
+    jumps.
     """
     starts = np.abs(np.diff(temperature_degC)) > SETTLED_STEP_K
     if session is not None:
         starts |= session[1:] != session[:-1]
     pieces = np.split(temperature_degC, np.flatnonzero(starts) + 1)
-    return np.concatenate([link_temperatures(piece, time_constants, interval_s=1.0) for piece in pieces])
+    return np.concatenate([link_temperatures(piece, time_constants, interval_s=stride) for piece in pieces])
 
 
-def most_lag_K(temperature_degC: FloatArray, session: NameArray | None = None) -> float:
+def most_lag_K(temperature_degC: FloatArray, session: NameArray | None = None, stride: float = 1.0) -> float:
     """By how much the slowest links may be behind the thermometer, root mean square over the readings [K]."""
-    slowest = lagging_temperatures(temperature_degC, TIME_CONSTANTS[-1:], session)
+    slowest = lagging_temperatures(temperature_degC, TIME_CONSTANTS[-1:], session, stride)
     spread = float(temperature_degC.std())
     return (1 - float(_shares(temperature_degC, slowest)[0])) * spread if spread else 0.0
 
@@ -134,7 +135,7 @@ def link_histories(
     """
     degC = state.temperature_degC
     assert degC is not None
-    temperatures = np.column_stack([degC, lagging_temperatures(degC, time_constants, state.session)])
+    temperatures = np.column_stack([degC, lagging_temperatures(degC, time_constants, state.session, state.stride)])
     courses = drift_courses(len(state), state.session)
     if follows := _explained(degC, courses) > FOLLOWING_SHARE:
         motions = np.column_stack([courses, np.ones(len(courses))])
@@ -150,7 +151,7 @@ def link_histories(
     # Of growth, of drift. At the minimum the gradient by the others is that of their prior.
     rest = (among - across[others].T @ taken)[: m + drifts, : m + drifts]
     pulls, gains, links = right[: m + drifts] - rest[:, : len(grows)] @ fit.coefficients[grows], -taken, len(grows)
-    slacks = [0.0, *(_slack(degC, tau, state.session) for tau in time_constants)]
+    slacks = [0.0, *(_slack(state, tau) for tau in time_constants)]
     rms = np.repeat(np.sqrt((courses**2).mean(axis=0)), N_DRIFTS)[:, None]
     found = []
     for size in DRIFTS_MM * relative_size(fit.chain) if follows else [0.0]:
@@ -227,7 +228,9 @@ def _shares(degC: FloatArray, links_degC: FloatArray) -> FloatArray:
     return np.asarray(above @ links_degC / (above @ above))
 
 
-def _slack(degC: FloatArray, tau: float, session: NameArray | None) -> float:
+def _slack(state: ArmState, tau: float) -> float:
     """Relative standard deviation of the share of links whose time constants are distributed about tau."""
-    fast, mean, slow = _shares(degC, lagging_temperatures(degC, tau * np.array([FASTEST, 1.0, SLOWEST]), session))
+    degC, taus = state.temperature_degC, tau * np.array([FASTEST, 1.0, SLOWEST])
+    assert degC is not None
+    fast, mean, slow = _shares(degC, lagging_temperatures(degC, taus, state.session, state.stride))
     return float((fast - slow) / (np.sqrt(12) * mean))

@@ -65,6 +65,7 @@ def state_of(
         columns=stated,
         session=readings.session,
         tip=readings.tip,
+        stride=readings.stride,
     )
 
 

@@ -50,6 +50,8 @@ class ArmState:
         Name of the tip of each reading; None: the first of the arm's tips.
     angle_std : (n_joints,) array, optional
         Standard uncertainty of the angles as they were read, from rounding [rad, or mm]; None where it is negligible.
+    stride : float
+        Readings of the session from one of these to the next: more than 1 in a sample.
     gravity_in_base : (3,) array
         Acceleration of free fall along the base frame's axes [m/s^2]; of an upright arm by default.
 
@@ -69,6 +71,7 @@ class ArmState:
     session: NameArray | None = None
     tip: NameArray | None = None
     angle_std: FloatArray | None = None
+    stride: float = 1.0
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles, dtype=float)
@@ -105,7 +108,7 @@ class ArmState:
     def of(cls, arm: Arm, angles: npt.ArrayLike, **more: Any) -> Self:
         """State of an arm, with its masses and the direction of its weight, at angles (n, n_joints) [rad, or mm].
 
-        `more` are `temperature_degC`, `directions`, `columns`, `session` and `tip`.
+        `more` are `temperature_degC`, `directions`, `columns`, `session`, `tip` and `stride`.
         """
         gravity = STANDARD_GRAVITY * arm.gravity_direction
         return cls(arm.chain, np.asarray(angles, dtype=float), links=arm.masses, gravity_in_base=gravity, **more)
@@ -128,6 +131,7 @@ class ArmState:
             None if self.session is None else self.session[which],
             None if self.tip is None else self.tip[which],
             self.angle_std,
+            self.stride,
         )
 
     def at_temperature(self, degC: FloatArray) -> ArmState:
