@@ -56,6 +56,10 @@ def test_a_doubtful_arm_is_said_wherever_its_model_is_used(arm, said, tmp_path):
     model = ta.load_model(tmp_path / "m.truearm")
     for used in (ta.evaluate(model, test), ta.predict(model, test), ta.report(model, test)):
         assert [one for one in used.remarks if said in one], used.remarks
+    changed = ta.compare(model, model)
+    for used in (ta.export(model, tmp_path / "m.json"), ta.correct(model, test.angles[:2]), changed):
+        assert said in str(used)
+    assert f"Of the old model: {model.arm_doubt_}" in changed.remarks
     model.arm_doubt_ = ""
     assert not [one for one in ta.predict(model, test).remarks if "nominal arm" in one or "is ur5" in one]
 

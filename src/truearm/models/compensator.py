@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, cast, ov
 import numpy as np
 import numpy.typing as npt
 
-from truearm.acceptance import Acceptance, accepted, accepting_afresh
+from truearm.acceptance import Acceptance, accepted, accepted_in_fit, accepting_afresh
 from truearm.arm.arm import Arm
 from truearm.choices import Conditions
 from truearm.errors import InputError
@@ -248,6 +248,11 @@ class Compensator(Regressor, ABC):
         self._keep_rounding(readings)
         self.fit_seconds_ = time.perf_counter() - begun
         return self
+
+    def doubts(self, model: str = "the model") -> tuple[str, ...]:
+        """What whoever uses the model must know of its fit: what was accepted, and what is doubtful of its arm."""
+        of_arm = self.arm_doubt_ if model == "the model" else f"Of {model}: {self.arm_doubt_}"
+        return (*accepted_in_fit(self.accepted_, model), *((of_arm,) if self.arm_doubt_ else ()))
 
     def under(self, conditions: Conditions) -> Self:
         """The model with the uncertainty of certain conditions; its points are the same.

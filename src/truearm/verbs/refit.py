@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.errors import InputError
 from truearm.findings import format_mm
 from truearm.identification.judgement.outliers import Outlier, outliers
@@ -121,7 +121,7 @@ def refit(
 def _remarks(
     known: Compensator, new: IdentifiedModel, free: tuple[str, ...], n_used: int, n_given: int
 ) -> Iterator[str]:
-    yield from accepted_in_fit(known.accepted_)
+    yield from known.doubts()
     if "base" in free and "base" not in new.free_:
         yield "The base stays where it was: only reference points determine it."
     if n_used < n_given:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from truearm.acceptance import accepted_in_fit
 from truearm.choices import Conditions
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -454,7 +453,7 @@ class CorrectedTargets(TableRecord):
 
     def _remarks(self) -> Iterator[str]:
         """What a person must know of these targets."""
-        yield from accepted_in_fit(self.model.accepted_)
+        yield from self.model.doubts()
         of_file = self.targets.joint_file
         yield from of_file.findings(self.joints) if of_file else ()
         n_joints = self.model.arm_.n_joints

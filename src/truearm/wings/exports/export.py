@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.models import Compensator
@@ -161,7 +161,7 @@ class ExportResult(Record):
         if origin.model == "physical" and (payload := self.model.training_.columns.get(PAYLOAD)) is not None:
             yield f"It applies to the payload of the training, {payload.mean:g} kg."
         yield from (*self.remarks, *self.accepted)
-        yield from accepted_in_fit(self.model.accepted_)
+        yield from self.model.doubts()
         if not spec.states_origin:
             return
         yield f"Frame of the file: {FRAMES[manifest.frame]}."

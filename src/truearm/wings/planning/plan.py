@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 from zipfile import is_zipfile
 
-from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepts
+from truearm.acceptance import acceptance_remarks, accepts
 from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.files.atomic_write import check_new_file
@@ -264,7 +264,7 @@ def plan(
         progress=progress,
     )
     planned = replace(planned, known_before=source or planned.known_before)
-    of_fit = () if isinstance(subject, Arm) else accepted_in_fit(subject.accepted_)
+    of_fit = () if isinstance(subject, Arm) else subject.doubts()
     said = (*acceptance_remarks(accept), *of_fit)
     return PlanResult(planned, name, seed, input_files(arm, session), said)
 

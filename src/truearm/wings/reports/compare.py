@@ -8,7 +8,6 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from truearm.acceptance import accepted_in_fit
 from truearm.errors import InputError
 from truearm.findings import format_mm
 from truearm.models import IdentifiedModel
@@ -103,7 +102,7 @@ def _remarks(old: IdentifiedModel, new: IdentifiedModel, change: ArmChange) -> I
     if own := sorted({term.name for model in (old, new) for term in model.terms}):
         yield f"Terms of your own ({', '.join(own)}) are not compared: constants may contain their change."
     for which, model in (("old", old), ("new", new)):
-        yield from accepted_in_fit(model.accepted_, f"the {which} model")
+        yield from model.doubts(f"the {which} model")
         if model.is_refitted:
             yield f"The {which} model was refitted: its constants are those of before, updated by few readings."
     if change.displacement.region == "either":

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from truearm.acceptance import accepted_in_fit
 from truearm.arm.catalogue import maker_of
 from truearm.arm.rigid_motions import inverse
 from truearm.errors import InputError
@@ -427,7 +426,7 @@ class CorrectedProgram(Record):
         others = [_describe(one) for one in self.left if not one.is_literal]
         yield from listed("not changed", others, "motions without numbers of their own")
         yield from self.notes
-        yield from accepted_in_fit(self.model.accepted_)
+        yield from self.model.doubts()
 
     def difference(self) -> TextTable:
         """Old and new numbers of every target that changes, and how far the tip moves."""

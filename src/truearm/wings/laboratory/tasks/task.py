@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from truearm.acceptance import accepted_in_fit
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.tasks.estimate import COVERAGE_PROBABILITY, Estimate
@@ -233,7 +232,7 @@ def assumptions(errors: ArmDistribution) -> list[str]:
     if isinstance(errors, PosteriorDistribution):
         source = "as the readings of the model show it" if errors.repeatability_mm is None else "as stated"
         return [
-            *accepted_in_fit(errors.identified.accepted_),
+            *errors.identified.doubts(),
             f"Random error of a coordinate: {errors.random_std_mm:.4f} mm, {source}.",
             f"Residual standard deviation that repeats at the same pose: {errors.field_std_mm:.4f} mm.",
             "The arm is at the mean temperature of the model's readings.",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truearm.acceptance import acceptance_remarks, accepted_in_fit, accepting, accepts
+from truearm.acceptance import acceptance_remarks, accepting, accepts
 from truearm.errors import InputError
 from truearm.files.dates import format_date, now, parse_moment
 from truearm.models import Compensator
@@ -128,7 +128,7 @@ class CheckResult(TableRecord, PageRecord):
         """What was accepted in this check, when the model was fitted, and in the checks of the history."""
         said = self.record.check.session if self.accepted else ""
         stored = describe_acceptances(self.record.checks, but=said)
-        return (*self.accepted, *accepted_in_fit(self.model.accepted_), *stored)
+        return (*self.accepted, *self.model.doubts(), *stored)
 
     def page(self) -> Page:
         """The advice, the points of this check in space, and the control charts."""
