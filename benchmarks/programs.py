@@ -24,9 +24,8 @@ from truearm.models import Compensator, PhysicalModel
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.branches import Screws, inverse_branches, polished
 from truearm.wings.exports.programs.configurations import QUANTITIES, quantities_of
-from truearm.wings.exports.programs.correct_program import correct_program
+from truearm.wings.exports.programs.correct_program import correct_program, language_of
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.languages import language_of
 from truearm.wings.exports.programs.program import Edit, Program, Surroundings, with_edits
 from truearm.wings.exports.programs.solving import Solver
 from truearm.wings.exports.targets.pose_models import nominal_poses, with_tool

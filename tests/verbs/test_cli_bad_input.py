@@ -398,7 +398,7 @@ def test_a_fault_of_the_program_is_no_verdict_and_no_wrong_input(truearm, monkey
     def breaks():
         raise kind("boom")
 
-    monkeypatch.setattr("truearm.wings.reports.arms_command.arms", breaks)
+    monkeypatch.setattr("truearm.wings.reports.commands.arms", breaks)
     ran = truearm("arms")
     assert (ran.code, ran.out) == (70, "")
     assert "Traceback" in ran.err

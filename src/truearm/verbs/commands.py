@@ -239,9 +239,7 @@ def fit(
     force: options.Force = False,
     workers: options.WorkersOption = None,
     scheduler: options.SchedulerOption = None,
-    details: Annotated[
-        bool, Option("--details", help="Print groups of terms, what is not identifiable, and terms not offered too.")
-    ] = False,
+    details: options.Details = False,
     as_json: options.Json = False,
     **given: Any,
 ) -> None:
@@ -282,14 +280,9 @@ def fit(
         total = 5 if members is None else members
         if total < 2:
             raise InputError(f"expected --members of 2 or more for a hybrid model, got {total}", hint="--members 5")
-    stated: dict[str, Any] = {
-        "hidden": hidden and layer_sizes(hidden),
-        "trainer": trainer,
-        "epochs": epochs,
-        "goal": goal,
-    }
-    stated |= {"validation": validation, "restarts": restarts, "members": members, "seed": seed, "arm_model": arm_model}
-    stated |= {"no_residual_process": False if no_residual_process else None}
+    stated: dict[str, Any] = {"hidden": hidden and layer_sizes(hidden), "trainer": trainer, "epochs": epochs}
+    stated |= {"goal": goal, "validation": validation, "restarts": restarts, "members": members, "seed": seed}
+    stated |= {"arm_model": arm_model, "no_residual_process": False if no_residual_process else None}
     of_model = {name: value for name, value in stated.items() if value is not None and model in MODELS_OF[name]}
     given |= {"model": model} | {PARAMETERS.get(name, name): value for name, value in of_model.items()}
     executor = options.executor_of(context, session, workers, scheduler)

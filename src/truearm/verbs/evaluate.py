@@ -64,8 +64,6 @@ if TYPE_CHECKING:
     from truearm.solve.executors import Executor
     from truearm.verbs.evaluation_sums import CoverageSums, EvaluationSums
 
-PURPOSE = "evaluate against"
-
 
 class RegressorLike(Protocol):
     """A fitted object that predicts points [mm] of shape (n, 3) from joint angles [rad; mm] of shape (n, n_joints)."""
@@ -235,7 +233,7 @@ def _evaluate_session(
     conditions: Conditions | None,
     accept: str | None,
 ) -> Evaluation:
-    tested = used_readings(given, fitted.arm, fitted, limits=limits, lengths=lengths, purpose=PURPOSE)
+    tested = used_readings(given, fitted.arm, fitted, limits=limits, lengths=lengths)
     used, known = tested.session, expanded_lengths(tested.lengths, tested.session)
     check_sessions(used, known, own_frame="base" not in fitted.free)
     at = fitted.at(used)
@@ -486,7 +484,7 @@ def _evaluate_regressor(
     regressor: RegressorLike, session: Session, lengths: LengthsLike | None, accept: str | None
 ) -> Evaluation:
     """Errors of a regressor of the user's own: without an arm there are no limits, nominal points or uncertainty."""
-    tested = used_readings(session, None, lengths=lengths, purpose=PURPOSE)
+    tested = used_readings(session, None, lengths=lengths)
     used, known = tested.session, expanded_lengths(tested.lengths, tested.session)
     check_sessions(used, known)
     points = predict_points(regressor, used)

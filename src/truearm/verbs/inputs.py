@@ -307,7 +307,7 @@ def check_has_reference(session: Session, arm: Arm | None, *, purpose: str, leas
         check_reach(session, reach=arm.chain.reach, sliding=arm.chain.is_prismatic)
 
 
-def with_reference(session: Session, arm: Arm, *, purpose: str) -> CheckedSession:
+def with_reference(session: Session, arm: Arm) -> CheckedSession:
     """Select the readings with reference points; if there are none, those in seats.
 
     Raises
@@ -315,13 +315,13 @@ def with_reference(session: Session, arm: Arm, *, purpose: str) -> CheckedSessio
     InputError
         As `check_has_reference`.
     """
-    check_has_reference(session, arm, purpose=purpose)
+    check_has_reference(session, arm, purpose="compare with")
     useful, lack = session.has_point, "have no reference point"
     if not useful.any() and session.seat is not None:
         useful, lack = session.seat != "", "are in no seat"
     if not useful.any():
         raise session.error(
-            f"expected reference points or seats to {purpose}, the session has distances to anchors only",
+            "expected reference points or seats to compare with, the session has distances to anchors only",
             hint="truearm evaluate MODEL SESSION",
         )
     rows = np.flatnonzero(useful)
@@ -474,7 +474,6 @@ def used_readings(
     *models: Compensator,
     limits: Limits = "skip",
     lengths: LengthsLike | None = None,
-    purpose: str,
 ) -> CheckedSession:
     """The readings that a test uses: those within the limits of the arm, repeats as one, and no training reading.
 
@@ -488,8 +487,6 @@ def used_readings(
     limits : {"skip", "ignore"}
     lengths : Lengths, str, Path or None
         Names of seats are checked against all readings.
-    purpose : str
-        What they need a reference for, as "evaluate against".
 
     Raises
     ------
@@ -500,7 +497,7 @@ def used_readings(
         allowed = CheckedSession(given, np.arange(len(given)), unfilled_rows(given))
     else:
         allowed = within_limits(given, arm, limits)
-    check_has_reference(allowed.session, arm, purpose=purpose, least=LEAST_COMPARED)
+    check_has_reference(allowed.session, arm, purpose="evaluate against", least=LEAST_COMPARED)
     return tested_readings(allowed, given, lengths, *models)
 
 

@@ -79,6 +79,9 @@ PriorFile = Annotated[Path | None, Option(help="What arms of this type have in c
 ReadSession = Annotated[Path | None, Option("--session", help="Session file, .csv or .parquet.")]
 # Files that are written.
 ModelOut = Annotated[Path, Option("--out", help="Model file to write; the usual ending is .truearm.")]
+FittedModelOut = Annotated[
+    Path | None, Option(help="Where a model fitted to the readings is saved; replaces one of the same arm.")
+]
 ArmOut = Annotated[Path | None, Option("--apply", help="Arm file to write with what was found, .toml or .urdf.")]
 Page = Annotated[Path | None, Option("--page", help="Page to write, .html.")]
 Force = Annotated[
@@ -130,6 +133,9 @@ MotorsFile = Annotated[
     ),
 ]
 # How it runs, and what is printed.
+Details = Annotated[
+    bool, Option("--details", help="Print groups of terms, what is not identifiable, and terms not offered too.")
+]
 Json = Annotated[bool, Option("--json", help="Print the result as JSON for machines.")]
 Quick = Annotated[bool, Option("--quick", help="A smaller task, in minutes.")]
 WorkersOption = Annotated[

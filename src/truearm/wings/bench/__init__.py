@@ -7,4 +7,4 @@ NAMES = {
     "recording.record_readings": ("record",),
     "recording.sources": ("SourceList", "SourceTrial", "list_sources", "try_source"),
 }
-COMMANDS = {"sources": "sources_command:sources", "record": "record_command:record", "live": "live_command:live"}
+COMMANDS = {"sources": "commands:sources", "record": "commands:record", "live": "commands:live"}

@@ -12,11 +12,11 @@ NAMES: dict[str, tuple[str, ...]] = {
     "simulate_images": ("ImageSimulation", "simulate_images"),
 }
 COMMANDS: dict[str, str] = {
-    "board": "board_command:board",
-    "plan-images": "plan_images_command:plan_images",
-    "fit-images": "fit_images_command:fit_images",
-    "hand-eye": "hand_eye_command:hand_eye",
-    "corners": "corners_command:corners",
+    "board": "commands:board",
+    "plan-images": "commands:plan_images",
+    "fit-images": "commands:fit_images",
+    "hand-eye": "commands:hand_eye",
+    "corners": "commands:corners",
 }
 # What truearm simulate --instrument measures a virtual arm with.
 INSTRUMENTS = {

@@ -6,4 +6,4 @@ NAMES = {
     "programs.correct_program": ("CorrectedProgram", "correct_program"),
     "export": ("ExportCheck", "ExportResult", "check_export", "export"),
 }
-COMMANDS = {"correct": "correct_command:correct", "export": "export_command:export"}
+COMMANDS = {"correct": "commands:correct", "export": "commands:export"}

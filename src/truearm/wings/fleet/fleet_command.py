@@ -11,7 +11,7 @@ from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_new_output
-from truearm.wings.laboratory.verbs.check_command import (
+from truearm.wings.laboratory.verbs.commands import (
     CheckedSession,
     ReasonOption,
     RetiredOption,

@@ -5,4 +5,4 @@ NAMES = {
     "carry_out": ("ProcedureResult",),
     "reproduce": ("ReproductionResult", "reproduce"),
 }
-COMMANDS = {"demo": "demo_command:demo", "reproduce": "reproduce_command:reproduce"}
+COMMANDS = {"demo": "commands:demo", "reproduce": "commands:reproduce"}

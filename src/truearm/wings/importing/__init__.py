@@ -6,4 +6,4 @@ NAMES = {
     "fetch": ("PublishedReadings", "fetch"),
 }
 MODULES = ("datasets",)  # public as it stands
-COMMANDS = {"import": "import_command:import_table", "fetch": "fetch_command:fetch"}
+COMMANDS = {"import": "commands:import_table", "fetch": "commands:fetch"}

@@ -27,8 +27,8 @@ NAMES = {
 MODULES = ("shapes",)  # public as it stands
 COMMANDS = {
     "verify": "verbs.verify_command:verify",
-    "task": "verbs.task_command:task",
-    "measure": "verbs.measure_command:measure",
-    "check": "verbs.check_command:check",
+    "task": "verbs.commands:task",
+    "measure": "verbs.commands:measure",
+    "check": "verbs.commands:check",
     "certificate": "verbs.certificate_command:certificate",
 }

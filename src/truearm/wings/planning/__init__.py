@@ -7,4 +7,4 @@ NAMES = {
     "plan": ("CheckPlan", "PlanResult", "plan", "plan_check"),
     "simulate": ("SimulationResult", "rehearse", "simulate"),
 }
-COMMANDS = {"simulate": "simulate_command:simulate", "plan": "plan_command:plan"}
+COMMANDS = {"simulate": "commands:simulate", "plan": "commands:plan"}

@@ -6,8 +6,8 @@ NAMES = {
     "report": ("ReportResult", "report"),
 }
 COMMANDS = {
-    "arms": "arms_command:arms",
-    "compare": "compare_command:compare",
-    "report": "report_command:report",
+    "arms": "commands:arms",
+    "compare": "commands:compare",
+    "report": "commands:report",
     "docs": "docs_command:docs",
 }

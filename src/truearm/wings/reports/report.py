@@ -330,7 +330,7 @@ def report(
     first, readings = to_model_and_session(first_model, session if large is None else large.sample())
     n_sample = len(readings)
     remarks = [*map(str, check_angles_fit(readings, first.arm))]
-    compared = with_reference(readings, first.arm, purpose="compare with")
+    compared = with_reference(readings, first.arm)
     readings = compared.session
     if lengths is not None and readings.points is not None:
         raise InputError(

@@ -25,9 +25,8 @@ from made_up_listings import (
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import parse_toml
-from truearm.wings.exports.programs.correct_program import correct_program
+from truearm.wings.exports.programs.correct_program import correct_program, language_of
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.languages import language_of
 from truearm.wings.exports.programs.program import Surroundings
 
 Q = np.array([10.0, -20.0, 30.0, 40.0, -50.0, 60.0])

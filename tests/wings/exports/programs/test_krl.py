@@ -7,9 +7,9 @@ from made_up_programs import TOOL, WORK, krl_files, krl_frame
 import truearm as ta
 from truearm.errors import InputError
 from truearm.files.toml_documents import parse_toml
+from truearm.wings.exports.programs.correct_program import language_of
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.krl import Krl
-from truearm.wings.exports.programs.languages import language_of
 from truearm.wings.exports.programs.number_texts import new_numbers
 from truearm.wings.exports.programs.program import Surroundings, with_edits
 

@@ -5,8 +5,8 @@ import pytest
 
 from truearm.errors import InputError
 from truearm.files.toml_documents import parse_toml
+from truearm.wings.exports.programs.correct_program import language_of
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.languages import language_of
 from truearm.wings.exports.programs.program import Surroundings, with_edits
 from truearm.wings.exports.programs.rapid import Rapid
 

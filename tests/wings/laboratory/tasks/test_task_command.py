@@ -10,8 +10,8 @@ from command_line import called
 from refusals import refuses
 from truearm.arm.catalogue import load_arm
 from truearm.models import KinematicModel, NominalModel
-from truearm.wings.laboratory.verbs import task_command as command
-from truearm.wings.laboratory.verbs.task_command import CODES
+from truearm.wings.laboratory.verbs import commands as command
+from truearm.wings.laboratory.verbs.commands import CODES
 from truearm.wings.planning.designs.sampling.measuring import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 

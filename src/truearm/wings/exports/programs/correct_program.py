@@ -30,17 +30,37 @@ from truearm.verbs.inputs import ModelLike, model_file_fingerprint, to_model_of_
 from truearm.verbs.record import Record, TextTable, listed
 from truearm.wings.exports.programs.configurations import QUANTITIES
 from truearm.wings.exports.programs.controllers import with_controller
+from truearm.wings.exports.programs.fanuc_ls import FanucListing
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.languages import LANGUAGES, UNREADABLE, language_of
+from truearm.wings.exports.programs.krl import Krl
 from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.nominal_joints import ROBOT
 from truearm.wings.exports.programs.number_texts import direction_of_check_digits, new_numbers, with_check_digits
-from truearm.wings.exports.programs.program import Edit, LeftAlone, Program, Surroundings, Target, with_edits
+from truearm.wings.exports.programs.polyscope import PolyScope
+from truearm.wings.exports.programs.program import (
+    Edit,
+    Language,
+    LeftAlone,
+    Program,
+    Surroundings,
+    Target,
+    text_start,
+    with_edits,
+)
+from truearm.wings.exports.programs.rapid import Rapid
 from truearm.wings.exports.programs.solving import Solver, ends_of
 from truearm.wings.exports.programs.subdivision import check_subdivision, divide
+from truearm.wings.exports.programs.urscript import URScript
+from truearm.wings.exports.programs.yaskawa_jbi import YaskawaJob
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.manifest import MARKER
 
+LANGUAGES: tuple[Language, ...] = (Rapid(), Krl(), FanucListing(), YaskawaJob(), PolyScope(), URScript())
+# Files that are no program in a text of their own, by their endings.
+UNREADABLE = {
+    ".ls": "a Fanuc program begins with /PROG: this is a log, or a part of a program",
+    ".tp": "a program .TP is binary: save it on the controller as text (.ls)",
+}
 MAX_BYTES = 64 * 2**20
 # The digits of a target leave the joints uncertain by so much [deg, mm].
 _ON_BORDER = 1e-3
@@ -148,6 +168,17 @@ def correct_program(
         return _Correction(solver, read, is_first=not before).result(path, file, near, subdivide_mm)
     except InputError as error:
         raise error if error.file is not None else error.in_file(path) from None
+
+
+def language_of(data: bytes) -> Language | None:
+    """The language of a file, by its content."""
+    text = data[text_start(data) :]
+    return next((language for language in LANGUAGES if language.recognises(text)), None)
+
+
+def is_program(path: Path) -> bool:
+    """Whether a file is a program: of a known language, or one that cannot be read."""
+    return path.suffix.lower() in UNREADABLE or language_of(read_limited(path, limit_bytes=MAX_BYTES)) is not None
 
 
 def read_corrected(path: str | Path) -> None:

@@ -1,4 +1,4 @@
-"""``truearm import``: a table of another program becomes a session file, or fills in points to measure."""
+"""The commands that bring readings of others: import and fetch."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from truearm.errors import InputError
 from truearm.verbs import options
-from truearm.verbs.console import print_json, print_line, progress
+from truearm.verbs.console import print_json, print_line, print_record, progress
 from truearm.verbs.outputs import check_new_output, check_output_is_not_input
 
 if TYPE_CHECKING:
@@ -325,3 +325,34 @@ def _signs(text: str) -> tuple[float, ...] | None:
     if bad := [part for part in _listed(text) if part not in known]:
         raise InputError(f"--sign expects + or - for each joint, got {bad[0]!r}", hint="--sign +,-,+")
     return tuple(known[part] for part in _listed(text)) or None
+
+
+def fetch(
+    name: Annotated[str, Argument(metavar="[NAME]", help="A name from the list.", show_default=False)] = "",
+    out: Annotated[Path | None, Option(help="Session file to write; NAME.csv by default.")] = None,
+    force: options.Force = False,
+) -> None:
+    """Get the published readings of a real arm.
+
+    The readings are downloaded once, checked against the published files, and written as a session file. Where lengths
+    between its seats are known, they are written beside it, to OUT-lengths.csv. Without a name, the sets are listed.
+    """
+    from truearm.readings import check_session_path
+    from truearm.verbs.record import TextTable
+    from truearm.wings.importing.datasets import DATASETS, load_lengths
+    from truearm.wings.importing.fetch import fetch as fetch_readings
+
+    if not name:
+        rows = [[name, entry.title, entry.arm] for name, entry in DATASETS.items()]
+        print_line(str(TextTable(["name", "set", "arm"], rows, left_aligned=(0, 1, 2))))
+        return
+    path = out or Path(f"{name}.csv")
+    beside = path.with_name(f"{path.stem}-lengths.csv")
+    files = {"session": path} | ({"lengths": beside} if load_lengths(name) else {})
+    check_session_path(path)
+    for written in files.values():
+        check_new_output(written, force=force)
+    with progress(f"fetching {name}"):
+        published = fetch_readings(name)
+        published.save(path, lengths=files.get("lengths"))
+    print_record(published, files=files)
