@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from truearm.nets.levenberg_marquardt import Evidence, update_evidence
 from truearm.solve.group_evidence import (
     MIN_GAIN,
+    SMALL,
     GroupedPrior,
     determined_shares,
+    inverse_triangle,
     posterior,
     prune_groups,
     update_scales,
@@ -363,6 +365,17 @@ def test_a_block_of_the_covariance_is_that_of_the_whole(rng):
     for rows in (np.array([0, 2]), np.array([2, 4]), np.array([4])):
         np.testing.assert_allclose(found.block(rows), found.covariance[np.ix_(rows, rows)], rtol=1e-12)
     np.testing.assert_allclose(found.variance, found.covariance.diagonal(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", [0, 1, SMALL, SMALL + 1, 3 * SMALL])
+def test_triangles_by_halves_are_those_in_one_piece(n, rng):
+    J = rng.normal(size=(2 * n, n))
+    lower = np.linalg.cholesky(J.T @ J + np.eye(n)) if n else np.zeros((0, 0))
+    # Rounding grows with the rows; the condition of these triangles is some ten.
+    np.testing.assert_allclose(inverse_triangle(lower.copy()) @ lower, np.eye(n), atol=1e-13)
+    found = posterior(J.T @ J, np.zeros(n), prior_of(np.ones(n)))
+    assert found.is_triangle
+    np.testing.assert_allclose(found.covariance, found.root.T @ found.root, atol=1e-14)
 
 
 def test_all_groups_can_be_pruned(rng):

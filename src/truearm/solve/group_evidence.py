@@ -30,6 +30,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, qr, solve_triangular
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dpstrf, dtrtri
 from scipy.special import wrightomega
 
@@ -42,6 +43,8 @@ MAX_RANK = 0.4
 WIDE = 1e4
 # A right side must follow from data to this share.
 MAX_REMAINDER = 1e-9
+# Rows of a triangle that is not halved again.
+SMALL = 64
 # A group is pruned only if that increases the log evidence by this much: groups that the data hardly see remain.
 MIN_GAIN = 1.0
 
@@ -222,11 +225,14 @@ class Posterior:
         Parameters that are not pruned.
     root : (n, k) array
         F with ``F^T F`` their covariance.
+    is_triangle : bool
+        Whether F is a lower triangle.
     """
 
     x: FloatArray
     active: IntArray
     root: FloatArray
+    is_triangle: bool
 
     @cached_property
     def variance(self) -> FloatArray:
@@ -238,10 +244,11 @@ class Posterior:
     @cached_property
     def covariance(self) -> FloatArray:
         """(p, p) covariance."""
+        own = _squared_triangle(self.root) if self.is_triangle else np.asarray(self.root.T @ self.root)
         if len(self.active) == len(self.x):
-            return np.asarray(self.root.T @ self.root)
+            return own
         covariance = np.zeros((len(self.x),) * 2)
-        covariance[np.ix_(self.active, self.active)] = self.root.T @ self.root
+        covariance[np.ix_(self.active, self.active)] = own
         return covariance
 
     def block(self, rows: IntArray) -> FloatArray:
@@ -256,8 +263,8 @@ def posterior(gram: FloatArray, right: FloatArray, prior: GroupedPrior, *, size:
     `size` (p,) is the diagonal before other parameters were eliminated, which determines the rounding.
     """
     active, x = np.flatnonzero(prior.active), np.zeros(len(gram))
-    x[active], root = _solved(gram, right, prior, active, size)
-    return Posterior(x, active, root)
+    x[active], root, is_triangle = _solved(gram, right, prior, active, size)
+    return Posterior(x, active, root, is_triangle)
 
 
 class GroupedEquations:
@@ -286,8 +293,8 @@ class GroupedEquations:
 
 def _solved(
     gram: FloatArray, right: FloatArray, prior: GroupedPrior, active: IntArray, size: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """Means of the active parameters, and F with ``F^T F = (G + P)^-1`` of them.
+) -> tuple[FloatArray, FloatArray, bool]:
+    """Means of the active parameters, F with ``F^T F = (G + P)^-1`` of them, and whether it is a lower triangle.
 
     Columns are first scaled to unit diagonal, before elimination, so that radians and millimetres compare.
     """
@@ -306,14 +313,14 @@ def _solved(
     if (lower.diagonal() ** 2).min(initial=1.0) < MIN_PIVOT:
         return _solved_by_orthogonal_factors(gram, right, precision, size)
     # With A = L L^T it is L^-1, which costs a third of A^-1.
-    root = _inverse_triangle(lower, lower=True)
+    root = inverse_triangle(lower)
     root /= scale
-    return root.T @ (root @ right), root
+    return root.T @ (root @ right), root, True
 
 
 def _solved_by_orthogonal_factors(
     gram: FloatArray, right: FloatArray, precision: FloatArray, size: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, bool]:
     """The same where priors are below the rounding of `gram`: parameters without data keep their prior.
 
     The matrix of the data is converted to a Jacobian, without the directions that are rounding; stacked with the prior
@@ -334,18 +341,39 @@ def _solved_by_orthogonal_factors(
     stacked[len(roots) :, :n] = np.diag(np.sqrt(precision) * scale)
     stacked = stacked[np.argsort(-np.abs(stacked[:, :n]).max(axis=1, initial=0.0))]
     turned, triangle, pivots = qr(stacked[:, :n], mode="economic", pivoting=True, check_finite=False)
-    inverse = _inverse_triangle(np.asarray(triangle, dtype=float), lower=False)
+    inverse = inverse_triangle(np.asarray(triangle, dtype=float).T)
     x, root = np.empty(n), np.empty((n, n))
-    x[pivots] = inverse @ (turned.T @ stacked[:, n])
-    root[:, pivots] = inverse.T
-    return x * scale, root * scale
+    x[pivots] = (turned.T @ stacked[:, n]) @ inverse
+    root[:, pivots] = inverse
+    return x * scale, root * scale, False
 
 
-def _inverse_triangle(matrix: FloatArray, *, lower: bool) -> FloatArray:
-    """The inverse of a triangle, in its place."""
-    if not len(matrix):  # LAPACK refuses matrices without rows
-        return matrix
-    return np.asarray(dtrtri(matrix, lower=int(lower), overwrite_c=1)[0])
+def inverse_triangle(lower: FloatArray) -> FloatArray:
+    """The inverse of a lower triangle (n, n), in its place.
+
+    By halves, whose products take two thirds of the time of LAPACK's, of 300 rows less than half.
+    """
+    half = len(lower) // 2
+    if 0 < len(lower) <= SMALL:
+        lower[:] = dtrtri(lower, lower=1)[0]
+    elif half:
+        first, last = inverse_triangle(lower[:half, :half]), inverse_triangle(lower[half:, half:])
+        across = dtrmm(-1.0, last, lower[half:, :half], lower=1)
+        lower[half:, :half] = dtrmm(1.0, first, across, side=1, lower=1, overwrite_b=1)
+    return lower
+
+
+def _squared_triangle(lower: FloatArray) -> FloatArray:
+    """``L^T L`` of a lower triangle (n, n), by halves: with a third of the multiplications of a product."""
+    if len(lower) <= SMALL:
+        return np.asarray(lower.T @ lower)
+    half, out = len(lower) // 2, np.empty(lower.shape)
+    first, across, last = lower[:half, :half], lower[half:, :half], lower[half:, half:]
+    out[:half, :half] = _squared_triangle(first) + across.T @ across
+    out[half:, half:] = _squared_triangle(last)
+    out[half:, :half] = dtrmm(1.0, last, across, lower=1, trans_a=1)
+    out[:half, half:] = out[half:, :half].T
+    return out
 
 
 def determined_shares(variance: FloatArray, precision: FloatArray) -> FloatArray:
@@ -460,7 +488,7 @@ def _whitening(white: FloatArray) -> tuple[FloatArray, float]:
     else:
         if (lower.diagonal() ** 2).min(initial=1.0) > MIN_PIVOT:
             log_det = 2 * float(np.log(lower.diagonal()).sum())
-            return _inverse_triangle(lower, lower=True), log_det
+            return inverse_triangle(lower), log_det
     values, vectors = np.linalg.eigh(white)
     values = np.clip(values, ROUNDING, 1.0)
     return np.asarray((vectors / np.sqrt(values)).T), float(np.log(values).sum())
