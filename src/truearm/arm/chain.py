@@ -64,6 +64,14 @@ class Pose(NamedTuple):
     tip_in_base: FloatArray
 
 
+class _Frames(NamedTuple):
+    """Of m poses: frames (n_joints + 1, m, 4, 4) of places, and the flange's (m, 4, 4), in the base frame; tips."""
+
+    places: FloatArray
+    flange: FloatArray
+    tips: FloatArray
+
+
 class TipDerivatives(NamedTuple):
     """Tip positions and their derivatives by the six small motions at every place.
 
@@ -226,7 +234,10 @@ class Chain:
         angles = self._checked(angles)
         tips = np.empty((3, len(angles)))
         for rows, q, chunk in self._pieces(angles, motions):
-            tips[:, rows] = _last(self._outward(q, cos_sin(q), chunk))
+            if q.shape[1] <= FEW:
+                tips[:, rows] = self._frames_of_few(q, chunk, None if chunk is None else _turned_by(chunk)).tips.T
+            else:
+                tips[:, rows] = _last(self._outward(q, cos_sin(q), chunk))
         return tips.T
 
     def pose(self, angles: npt.ArrayLike, motions: npt.ArrayLike | None = None) -> Pose:
@@ -537,6 +548,23 @@ class Chain:
         jacobians: FloatArray | None,
     ) -> FloatArray:
         """The tips, and the derivatives into `out`, by matrices of all places: the number of operations counts."""
+        frames, flange, tips = self._frames_of_few(q, motions, turned_by)
+        R, axes_of_flange = frames[..., :3, :3], flange[:, :3, :3]
+        arm = frames[..., :3, 3] - tips
+        if motions is not None:
+            arm = arm + (R @ motions[:-1, 3:].transpose(0, 2, 1)[..., None])[..., 0]
+        turns = cross_matrix(arm) @ R  # z x (p - o), for all three axes
+        if jacobians is not None:
+            turns = turns @ jacobians[:-1].transpose(0, 3, 1, 2)
+        out[:-1, :3], out[:-1, 3:] = turns.transpose(0, 3, 2, 1), R.transpose(0, 3, 2, 1)
+        out[-1, :3], out[-1, 3:] = 0.0, axes_of_flange.transpose(2, 1, 0)
+        return np.asarray(tips.T)
+
+    def _frames_of_few(self, q: FloatArray, motions: FloatArray | None, turned_by: FloatArray | None) -> _Frames:
+        """The frames of all places but the tip in the base frame, before the motions there; the flange, and the tips.
+
+        `turned_by` are the rotations of the motions, if there are any.
+        """
         (n, m), slides = q.shape, self.is_prismatic
         steps = np.zeros((n, m, 4, 4))
         cos, sin = cos_sin(q)
@@ -560,17 +588,7 @@ class Chain:
         for place, step in enumerate(steps):
             np.matmul(frames[place], step, out=frames[place + 1])
         flange = frames[-1] @ last
-        R, axes_of_flange = frames[..., :3, :3], flange[:, :3, :3]
-        tips = (axes_of_flange @ tip[..., None])[..., 0] + flange[:, :3, 3]
-        arm = frames[..., :3, 3] - tips
-        if motions is not None:
-            arm = arm + (R @ finite[..., :3, 3:])[..., 0]
-        turns = cross_matrix(arm) @ R  # z x (p - o), for all three axes
-        if jacobians is not None:
-            turns = turns @ jacobians[:-1].transpose(0, 3, 1, 2)
-        out[:-1, :3], out[:-1, 3:] = turns.transpose(0, 3, 2, 1), R.transpose(0, 3, 2, 1)
-        out[-1, :3], out[-1, 3:] = 0.0, axes_of_flange.transpose(2, 1, 0)
-        return np.asarray(tips.T)
+        return _Frames(frames, flange, (flange[:, :3, :3] @ tip[..., None])[..., 0] + flange[:, :3, 3])
 
     def _checked(self, angles: npt.ArrayLike) -> FloatArray:
         angles = np.asarray(angles, dtype=float)

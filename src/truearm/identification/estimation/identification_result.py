@@ -82,7 +82,7 @@ class ComposedArm:
     def site_derivatives(self, state: ArmState) -> SiteDerivatives:
         """Yield what `PerturbedChain.site_derivatives` does."""
         for rows in chunks(len(state)):
-            piece = state if len(state) <= rows.stop - rows.start else state.rows(rows)
+            piece = state.rows(rows)
             yield rows, *self._along_sites(piece), self.perturbed_chain.values(piece)
 
     def without_repeated(self, covariance: FloatArray) -> tuple[Self, FloatArray]:
@@ -100,7 +100,8 @@ class ComposedArm:
         fewer[:, kept] += fewer[:, left] @ shares.T
         fewer[left] = fewer[:, left] = 0.0
         pairs = zip(self.perturbed_chain.terms, self.perturbed_chain.columns, strict=True)
-        remaining = [pair for pair in pairs if fewer.diagonal()[pair[1]].any()]
+        is_left = fewer.diagonal() != 0
+        remaining = [pair for pair in pairs if is_left[pair[1]].any()]
         of_terms = np.concatenate([np.zeros(0, np.intp), *(columns for _, columns in remaining)])
         rest = PerturbedChain(self.perturbed_chain.chain, tuple(term for term, _ in remaining))
         return replace(self, perturbed_chain=rest), fewer[np.ix_(of_terms, of_terms)]
@@ -319,12 +320,15 @@ class IdentificationResult:
     def uncertain_tips(self, state: ArmState) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`tips`, `tip_covariance` and `direction_effects`, with the basis functions evaluated once."""
         (derivatives, root), chain, x = self._uncertain, self.perturbed_chain, self.coefficients
-        is_constant, out = chain.is_constant(x), np.empty((len(state), 3, 3))
-        tips = self.chain.tip_in_base(state.angles) if is_constant else np.empty((len(state), 3))
+        is_few, is_constant, out = len(state) <= FEW, chain.is_constant(x), np.empty((len(state), 3, 3))
+        tips = self.chain.tip_in_base(state.angles) if is_constant and not is_few else np.empty((len(state), 3))
         of_directions = np.zeros((chain.chain.n_joints, len(state), 3))
-        for rows, _, along_sites, values in derivatives(state):
-            if not is_constant:
+        for rows, own, along_sites, values in derivatives(state):
+            if is_few:
+                tips = own.T  # the same to the last bit
+            elif not is_constant:
                 tips[rows] = chain.tips_from_values(state.angles[rows], values, x)
+            if not is_constant:
                 of_directions[:, rows] = chain.direction_effects(state.rows(rows), x, along_sites)
             out[rows] = root.covariances(along_sites, values, state.joint_angles[rows])
         return tips, out + self.unspanned_covariance(state) if self.processes else out, of_directions

@@ -236,8 +236,6 @@ class PerturbedChain:
         """(n, 3) tips [mm] at the readings of a state."""
         if self.is_constant(x):
             return self.with_constants(x).tip_in_base(state.angles)
-        if len(state) <= CHUNK:
-            return self.tips_from_values(state.angles, self.values(state), x)
         out = np.empty((len(state), 3))
         for rows in chunks(len(state)):
             piece = state.rows(rows)
@@ -263,7 +261,7 @@ class PerturbedChain:
         the basis functions.
         """
         for rows in chunks(len(state)):
-            piece = state if len(state) <= CHUNK else state.rows(rows)
+            piece = state.rows(rows)
             values = self.values(piece)
             tips, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
             yield rows, tips, self.along_sites(motion_jacobian), values
@@ -326,7 +324,7 @@ class PerturbedChain:
         """(n_coefficients,) derivatives of the tips along vectors (3, n), summed over the readings of a state."""
         found = np.zeros(self.n_coefficients)
         for rows in chunks(len(state)):
-            piece = state if len(state) <= CHUNK else state.rows(rows)
+            piece = state.rows(rows)
             found += self.gradient_from_values(piece, self.values(piece), x, pulls[:, rows])
         return found
 

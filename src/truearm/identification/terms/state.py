@@ -117,8 +117,8 @@ class ArmState:
         return len(self.angles)
 
     def rows(self, which: slice | BoolArray | IntArray) -> ArmState:
-        """Select readings; all of them in their order, by their numbers, are the state itself."""
-        if isinstance(which, np.ndarray) and which.dtype != bool and np.array_equal(which, np.arange(len(self))):
+        """Select readings; all of them in their order, by their numbers or as a slice, are the state itself."""
+        if which == slice(0, len(self)) if isinstance(which, slice) else _are_all(which, len(self)):
             return self
         return ArmState(
             self.chain,
@@ -173,6 +173,11 @@ class ArmState:
 @lru_cache(maxsize=64)
 def _guessed_links(chain: Chain) -> LinkMasses:
     return uniform_links(chain, kg_per_m=1.0)
+
+
+def _are_all(which: BoolArray | IntArray, n: int) -> bool:
+    """Whether numbers of readings are those of n, in their order."""
+    return which.dtype != bool and np.array_equal(which, np.arange(n))
 
 
 def _fitting(value: npt.ArrayLike, what: str, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
