@@ -15,6 +15,7 @@ from truearm.errors import InputError, TruearmError
 from truearm.readings import Session
 from truearm.readings.readings import DIRECTION
 from truearm.typing import FloatArray
+from truearm.verbs.record import to_plain
 from truearm.wings.bench.live_server.http_operations import HttpOperations
 from truearm.wings.bench.live_server.live_page import DrawnArm, drawn_arm, drawn_scene, live_page
 from truearm.wings.bench.live_server.messages import Pose, ReadingPoint, Said, State
@@ -127,7 +128,7 @@ class LiveRecording:
         return said
 
     def _pose(self, event: Event) -> Pose:
-        recording, sample, values = self.recording, self.recording.sample, event.to_dict()
+        recording, sample, values = self.recording, self.recording.sample, event.values
         arm = recording.arm
         assert sample is not None  # the event is of one
         assert arm is not None
@@ -135,8 +136,8 @@ class LiveRecording:
             joints=recording.displayed(sample.joint_angles_rad),
             pivots=self._drawn.pivots(sample.joint_angles_rad),
             tip_in_base_mm=arm.chain.tip_in_base(sample.joint_angles_rad[None])[0].tolist(),
-            corrected_mm=values.get("corrected_mm"),
-            U_mm=values.get("U_mm"),
+            corrected_mm=to_plain(values.get("corrected_mm")),
+            U_mm=to_plain(values.get("U_mm")),
             not_corrected=values.get("not_corrected", ""),
             outside_training=not values.get("is_trained", True),
             is_still=recording.is_still,

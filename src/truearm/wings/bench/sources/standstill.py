@@ -129,7 +129,7 @@ class Standstill:
         self._taken_at: FloatArray | None = None
         self._movement: LastMovement | None = None
         self._stated: FloatArray | None = None
-        self._angles, self._n_angles = np.empty((0, 0)), 0  # of the window, which ends there, and before it
+        self._angles, self._n_angles = np.empty((0, 0)), 0  # by joint of the window, which ends there, and before it
         self.is_still = False
 
     def add(self, sample: Sample) -> None:
@@ -140,7 +140,7 @@ class Standstill:
             if not 0 <= gap_s <= self._rule.window_s:
                 window.clear()
         if not window:
-            self._angles, self._n_angles = np.empty((0, len(sample.joint_angles_rad))), 0
+            self._angles, self._n_angles = np.empty((len(sample.joint_angles_rad), 0)), 0
         if self._movement is None:
             self._movement = LastMovement(sample.joint_angles_rad)
             self._allowed = np.full(len(sample.joint_angles_rad), self._rule.spread_rad)
@@ -158,20 +158,19 @@ class Standstill:
 
     def _keep(self, angles_rad: FloatArray) -> None:
         """Keep the angles of the window as one array: at a thousand samples a second, to gather them takes longest."""
-        if self._n_angles == len(self._angles):
-            before = self._angles[self._n_angles - len(self._window) :]
-            self._angles = np.empty((LEAST_KEPT + 2 * len(before), len(angles_rad)))
-            self._n_angles = len(before)
-            self._angles[: len(before)] = before
-        self._angles[self._n_angles] = angles_rad
+        if self._n_angles == self._angles.shape[1]:
+            before, n = self._angles[:, self._n_angles - len(self._window) :], len(self._window)
+            self._angles = np.empty((len(angles_rad), LEAST_KEPT + 2 * n))
+            self._angles[:, :n], self._n_angles = before, n
+        self._angles[:, self._n_angles] = angles_rad
         self._n_angles += 1
 
     def _stands(self) -> bool:
         window = self._window
         if len(window) < LEAST_SAMPLES or window[-1].time_s - window[0].time_s < self._rule.window_s:
             return False
-        angles = self._angles[self._n_angles - len(window) : self._n_angles]
-        return bool((np.ptp(angles, axis=0) <= self._allowed).all())
+        angles = self._angles[:, self._n_angles - len(window) : self._n_angles]
+        return bool((angles.max(axis=1) - angles.min(axis=1) <= self._allowed).all())
 
     @property
     def window_s(self) -> tuple[float, float]:

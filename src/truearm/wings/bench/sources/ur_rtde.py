@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import time
 from functools import partial
+from math import isfinite
 
 import numpy as np
 
@@ -27,6 +28,7 @@ _VERSION, _OUTPUTS, _START, _TEXT, _DATA = b"VOSMU"
 # Fields of the controller in the order in which they are asked for; older controllers lack the last ones.
 FIELDS = {"actual_q": "VECTOR6D", "joint_temperatures": "VECTOR6D", "payload": "DOUBLE"}
 _NUMBERS = {"VECTOR6D": 6, "DOUBLE": 1}
+_TEMPERATURES = [f"load_temperature_{joint}_degC" for joint in range(1, JOINTS + 1)]
 
 
 def ur_rtde(address: str, rate: str = "") -> Source:
@@ -96,14 +98,14 @@ def _samples(rate_hz: float, link: Connection) -> Stream:
     recipe, names = _recipe(packets, rate_hz)
     if packets.answer(_START, b"") != b"\x01":
         raise ConnectionError("the controller does not start to send")
-    size = 1 + 8 * sum(_NUMBERS[FIELDS[name]] for name in names)
+    form = struct.Struct(f">x{sum(_NUMBERS[FIELDS[name]] for name in names)}d")
     while True:
         kind, content = packets.next()
         if kind != _DATA or content[:1] != recipe:
             continue
-        if len(content) != size:
-            raise ConnectionError(f"expected data of {size} bytes, got {len(content)}")
-        yield _sample(names, np.frombuffer(content, ">f8", offset=1).astype(float))
+        if len(content) != form.size:
+            raise ConnectionError(f"expected data of {form.size} bytes, got {len(content)}")
+        yield _sample(names, form.unpack(content))
 
 
 def _recipe(packets: _Packets, rate_hz: float) -> tuple[bytes, list[str]]:
@@ -121,14 +123,14 @@ def _recipe(packets: _Packets, rate_hz: float) -> tuple[bytes, list[str]]:
     raise ConnectionError("the controller has no field actual_q")
 
 
-def _sample(names: list[str], numbers: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Sample:
-    if not (np.isfinite(numbers).all() and (np.abs(numbers[:JOINTS]) < LARGEST_RAD).all()):
-        raise ConnectionError("the controller sends numbers that are no angles")
+def _sample(names: list[str], numbers: tuple[float, ...]) -> Sample:
     angles, rest = numbers[:JOINTS], numbers[JOINTS:]
-    columns, temperature = {}, None
+    if not (all(map(isfinite, rest)) and all(abs(angle) < LARGEST_RAD for angle in angles)):
+        raise ConnectionError("the controller sends numbers that are no angles")
+    columns, temperature = dict[str, float](), None
     if "joint_temperatures" in names:
-        columns = {f"load_temperature_{joint}_degC": float(rest[joint - 1]) for joint in range(1, JOINTS + 1)}
-        temperature, rest = float(rest[:JOINTS].mean()), rest[JOINTS:]
+        columns |= zip(_TEMPERATURES, rest[:JOINTS], strict=True)
+        temperature, rest = sum(rest[:JOINTS]) / JOINTS, rest[JOINTS:]
     if "payload" in names:
-        columns["payload_kg"] = float(rest[0])
-    return Sample(time.monotonic(), angles, temperature_degC=temperature, columns=columns)
+        columns["payload_kg"] = rest[0]
+    return Sample(time.monotonic(), np.array(angles), temperature_degC=temperature, columns=columns)
