@@ -18,7 +18,8 @@ const settings = JSON.parse(at("settings").textContent);
 const { spans } = settings;
 const rows = [...document.querySelectorAll("#joints tbody tr")];
 const sliders = rows.map((row) => row.querySelector("input")).filter(Boolean); // of a virtual arm
-const live = { readings: [], aim: null, pose: null, drawn: "", steered: null, lastSteer: 0, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null, uncertainties: [], model: null, files: {}, removes: 0 };
+const tracks = rows.map(() => document.createElement("canvas")); // the strips without the pose, which is drawn far more often
+const live = { readings: [], changes: 0, aim: null, pose: null, drawn: "", steered: null, lastSteer: 0, arrived: 0, run: "", ended: "", mayCommand: false, isLost: false, socket: null, uncertainties: [], model: null, files: {}, removes: 0 };
 
 /** @param {string} text @param {string} [kind] the newest event on top */
 function say(text, kind = "") {
@@ -269,17 +270,26 @@ function showStrips() {
   rows.forEach((row, i) => {
     const canvas = row.querySelector("canvas");
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    if (!width || !height) return;
     if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
     if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
-    const pen = canvas.getContext("2d");
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.clearRect(0, 0, width, height);
     const [low, high] = spans[i];
     const place = (value) => 6 + (width - 12) * Math.max(0, Math.min(1, (value - low) / (high - low)));
-    pen.fillStyle = colours.faded;
-    pen.fillRect(6, height / 2 - 3, width - 12, 6);
-    pen.fillStyle = colours.axis;
-    live.readings.forEach(({ joints }) => pen.fillRect(place(joints[i]) - 1, height / 2 - 6, 2, 12));
+    const key = [canvas.width, canvas.height, ratio, colours.faded, colours.axis, live.changes].join();
+    if (tracks[i].key !== key) {
+      Object.assign(tracks[i], { key, width: canvas.width, height: canvas.height });
+      const pen = tracks[i].getContext("2d");
+      pen.scale(ratio, ratio);
+      pen.fillStyle = colours.faded;
+      pen.fillRect(6, height / 2 - 3, width - 12, 6);
+      pen.fillStyle = colours.axis;
+      live.readings.forEach(({ joints }) => pen.fillRect(place(joints[i]) - 1, height / 2 - 6, 2, 12));
+    }
+    const pen = canvas.getContext("2d");
+    pen.resetTransform();
+    pen.clearRect(0, 0, canvas.width, canvas.height);
+    pen.drawImage(tracks[i], 0, 0);
+    pen.scale(ratio, ratio);
     if (live.pose) {
       const x = place(live.pose.joints[i]);
       pen.fillStyle = colours.mark;
@@ -300,6 +310,7 @@ function showStrips() {
 /** The readings as points in space, coloured by residual, or in their order where there is none. */
 function showReadings() {
   const { readings } = live;
+  live.changes += 1;
   const known = readings.some((one) => one.residual_mm !== null);
   const values = readings.map((one, i) => (known ? (one.residual_mm ?? 0) : i + 1));
   const top = Math.max(...values, 1e-9);
