@@ -366,8 +366,8 @@ RANGE, ARMS, PRESETS = 2500.0, 100, ("shop", "research")
 @ROWS.row("shapes", threads="one", quick={"runs": 5})
 def shapes(runs: int = 200) -> RowResult:
     """Sphere, smallest sphere."""
+    from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
     from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_sphere
-    from truearm.wings.laboratory.shapes.sphere import fit_sphere
 
     rng = np.random.default_rng(20170101)
     away = rng.normal(size=(25, 3))

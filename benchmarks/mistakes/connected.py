@@ -138,7 +138,7 @@ def undated_egm() -> bool:
 
 @right("the ball of a rehearsed interim check has its diameter, 25 mm and a tip of 6 mm")
 def rehearsed_ball() -> bool:
-    from truearm.wings.laboratory.shapes.sphere import fit_sphere
+    from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 
     plan = new_file(".csv")
     ta.plan_check("ur10", sphere_mm=25.0).save(plan)

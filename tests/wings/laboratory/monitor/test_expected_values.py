@@ -11,7 +11,7 @@ from truearm.wings.laboratory.monitor.expected_values import (
     largest_length_error,
     largest_scatter,
 )
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 
 N_DRAWN = 20_000
 RATE = 0.01

@@ -10,14 +10,23 @@ from scipy.spatial.transform import Rotation
 
 from refusals import refuses
 from truearm.errors import InputError
-from truearm.wings.laboratory.shapes.circle import CIRCLE, fit_circle
-from truearm.wings.laboratory.shapes.cone import CONE, fit_cone
-from truearm.wings.laboratory.shapes.cylinder import CYLINDER, fit_cylinder
-from truearm.wings.laboratory.shapes.line import LINE, fit_line
+from truearm.wings.laboratory.shapes.least_squares_shapes import (
+    CIRCLE,
+    CONE,
+    CYLINDER,
+    LINE,
+    PLANE,
+    SPHERE,
+    TORUS,
+    fit_circle,
+    fit_cone,
+    fit_cylinder,
+    fit_line,
+    fit_plane,
+    fit_sphere,
+    fit_torus,
+)
 from truearm.wings.laboratory.shapes.orthogonal_regression import Place
-from truearm.wings.laboratory.shapes.plane import PLANE, fit_plane
-from truearm.wings.laboratory.shapes.sphere import SPHERE, fit_sphere
-from truearm.wings.laboratory.shapes.torus import TORUS, fit_torus
 
 ELEMENTS = [LINE, PLANE, CIRCLE, SPHERE, CYLINDER, CONE, TORUS]
 TURN = Rotation.from_euler("xyz", [0.4, -0.9, 1.3]).as_matrix()

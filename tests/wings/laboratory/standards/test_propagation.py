@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_diameters, circumscribed_sphere
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
 from truearm.wings.laboratory.standards.artefacts import example_artefacts
 from truearm.wings.laboratory.standards.asme_b89_4_22 import volumetric
 from truearm.wings.laboratory.standards.measurands import LengthMeasurement, SphereMeasurement

@@ -7,7 +7,7 @@ import pytest
 
 from refusals import refuses
 from truearm.errors import InputError
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.laboratory.standards.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere, Seat
 from truearm.wings.laboratory.standards.asme_b89_4_22 import SeatPoints, effective_diameter, single_point, volumetric
 from truearm.wings.laboratory.standards.decision import Verdict

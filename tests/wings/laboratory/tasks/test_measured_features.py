@@ -13,8 +13,7 @@ import truearm as ta
 from refusals import refuses
 from truearm.identification.terms import directions
 from truearm.readings.session import Session
-from truearm.wings.laboratory.shapes.plane import fit_plane
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_plane, fit_sphere
 from truearm.wings.laboratory.tasks.feature_postures import feature_postures, middle_of
 from truearm.wings.laboratory.tasks.features import UP, circle, cone, cylinder, length_at, plane, sphere
 from truearm.wings.laboratory.tasks.measured_features import measure_features

@@ -8,8 +8,8 @@ import pytest
 from refusals import refuses
 from truearm.arm.catalogue import load_arm
 from truearm.errors import InputError
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_sphere
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
 from truearm.wings.laboratory.standards.specification import Specification
 from truearm.wings.laboratory.tasks import features
 from truearm.wings.laboratory.tasks.feature_postures import middle_of

@@ -10,7 +10,7 @@ from refusals import refuses
 from truearm.arm import load_arm
 from truearm.errors import InputError
 from truearm.readings import Lengths
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.planning.designs.candidates import bar_places
 from truearm.wings.planning.designs.check_routine import check_routine
 from truearm.wings.planning.designs.planned_readings import PlannedReadings, read_planned

@@ -28,7 +28,7 @@ from truearm.wings.laboratory.monitor.expected_values import (
     largest_length_error,
     largest_scatter,
 )
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 
 # Points of a seat farther from their mean than this belong to two seats [mm]; no arm has such errors.
 FARTHEST_IN_SEAT_MM = 10.0

@@ -19,13 +19,18 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
-from truearm.wings.laboratory.shapes.circle import fit_circle
-from truearm.wings.laboratory.shapes.cylinder import CYLINDER, fit_cylinder
+from truearm.wings.laboratory.shapes.least_squares_shapes import (
+    CYLINDER,
+    PLANE,
+    SPHERE,
+    fit_circle,
+    fit_cylinder,
+    fit_plane,
+    fit_sphere,
+)
 from truearm.wings.laboratory.shapes.normalised_points import normalise_points
 from truearm.wings.laboratory.shapes.orthogonal_regression import Element, Place, towards_positive
-from truearm.wings.laboratory.shapes.plane import PLANE, fit_plane
 from truearm.wings.laboratory.shapes.relations import located
-from truearm.wings.laboratory.shapes.sphere import SPHERE, fit_sphere
 from truearm.wings.laboratory.shapes.starts import frame_of
 
 # The work grows with the fourth power of the number: 30 points are 32,000 spheres.

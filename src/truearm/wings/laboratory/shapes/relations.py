@@ -13,14 +13,8 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.laboratory.shapes.circle import Circle
-from truearm.wings.laboratory.shapes.cone import Cone
-from truearm.wings.laboratory.shapes.cylinder import Cylinder
-from truearm.wings.laboratory.shapes.line import Line
+from truearm.wings.laboratory.shapes.least_squares_shapes import Circle, Cone, Cylinder, Line, Plane, Sphere, Torus
 from truearm.wings.laboratory.shapes.orthogonal_regression import ShapeFit
-from truearm.wings.laboratory.shapes.plane import Plane
-from truearm.wings.laboratory.shapes.sphere import Sphere
-from truearm.wings.laboratory.shapes.torus import Torus
 
 Directed: TypeAlias = Plane | Line | Circle | Cylinder | Cone | Torus
 # Planes and axes at a larger angle have no distance that a drawing could mean.

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from truearm.typing import FloatArray
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_sphere
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
 from truearm.wings.laboratory.standards.decision import ConformityResult
 from truearm.wings.laboratory.standards.measurands import LengthMeasurement, SphereMeasurement
 from truearm.wings.laboratory.standards.measured_points import PointGroup, join_names

@@ -16,8 +16,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.laboratory.shapes.plane import fit_plane
-from truearm.wings.laboratory.shapes.sphere import Sphere, fit_sphere
+from truearm.wings.laboratory.shapes.least_squares_shapes import Sphere, fit_plane, fit_sphere
 from truearm.wings.laboratory.standards.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere
 from truearm.wings.laboratory.standards.decision import (
     Budget,

@@ -11,12 +11,14 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.laboratory.shapes.circle import fit_circle
-from truearm.wings.laboratory.shapes.cone import fit_cone
-from truearm.wings.laboratory.shapes.cylinder import fit_cylinder
-from truearm.wings.laboratory.shapes.plane import fit_plane
+from truearm.wings.laboratory.shapes.least_squares_shapes import (
+    fit_circle,
+    fit_cone,
+    fit_cylinder,
+    fit_plane,
+    fit_sphere,
+)
 from truearm.wings.laboratory.shapes.relations import distance
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
 from truearm.wings.laboratory.shapes.starts import around, frame_of, on_sphere
 
 UP = np.array([0.0, 0.0, 1.0])

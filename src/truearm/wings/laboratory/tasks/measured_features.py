@@ -16,11 +16,14 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.solve.linear_algebra import covariance_factor
 from truearm.typing import FloatArray, IntArray
-from truearm.wings.laboratory.shapes.circle import fit_circle
-from truearm.wings.laboratory.shapes.cone import fit_cone
-from truearm.wings.laboratory.shapes.cylinder import fit_cylinder
+from truearm.wings.laboratory.shapes.least_squares_shapes import (
+    fit_circle,
+    fit_cone,
+    fit_cylinder,
+    fit_plane,
+    fit_sphere,
+)
 from truearm.wings.laboratory.shapes.orthogonal_regression import ShapeFit
-from truearm.wings.laboratory.shapes.plane import fit_plane
 from truearm.wings.laboratory.shapes.relations import (
     Located,
     across_axis,
@@ -29,7 +32,6 @@ from truearm.wings.laboratory.shapes.relations import (
     located,
     turn,
 )
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
 from truearm.wings.laboratory.tasks.estimate import expanded_uncertainty
 from truearm.wings.laboratory.tasks.features import MIN_POINTS
 from truearm.wings.laboratory.tasks.sampled_arms import PosteriorDistribution

@@ -8,7 +8,7 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.laboratory.shapes.sphere import fit_sphere
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.laboratory.standards.artefacts import Artefacts
 from truearm.wings.laboratory.standards.layout import Placement
 from truearm.wings.laboratory.standards.points_form import ON_SURFACES, PlannedPoints
