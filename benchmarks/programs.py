@@ -22,8 +22,7 @@ from truearm.arm.rigid_motions import inverse
 from truearm.files.toml_documents import parse_toml
 from truearm.models import Compensator, PhysicalModel
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.branches import Screws, inverse_branches, polished
-from truearm.wings.exports.programs.configurations import QUANTITIES, quantities_of
+from truearm.wings.exports.programs.branches import QUANTITIES, Screws, inverse_branches, polished, quantities_of
 from truearm.wings.exports.programs.correct_program import correct_program, language_of
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.program import Edit, Program, Surroundings, with_edits

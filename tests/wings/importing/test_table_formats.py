@@ -21,10 +21,9 @@ import truearm as ta
 from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.importing.foreign import JointScale
-from truearm.wings.importing.tables import array_files
+from truearm.wings.importing.tables import array_files, read_table
 from truearm.wings.importing.tables.arrow_files import table_of_frame
 from truearm.wings.importing.tables.named_arrays import table_of_arrays
-from truearm.wings.importing.tables.reading import read_table
 from truearm.wings.importing.tables.table import TableForm
 
 formats = pytest.importorskip("benchmarks.table_formats", reason="benchmarks are not beside the tests")

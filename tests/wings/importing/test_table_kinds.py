@@ -5,7 +5,7 @@ import pytest
 
 from refusals import refuses
 from truearm.wings.importing.foreign.no_readings import lost_targets
-from truearm.wings.importing.tables.reading import read_table
+from truearm.wings.importing.tables import read_table
 from truearm.wings.importing.tables.table import TableForm
 
 KINDS = pytest.importorskip("benchmarks.table_kinds", reason="benchmarks are not beside the tests").all_kinds()

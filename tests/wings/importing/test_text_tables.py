@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from refusals import refuses
-from truearm.wings.importing.tables.reading import read_table
+from truearm.wings.importing.tables import read_table
 from truearm.wings.importing.tables.table import TableForm
 
 

@@ -17,7 +17,13 @@ from truearm.pages.html import render
 from truearm.pages.page import Column, Table, format_cell
 from truearm.pages.palette import BAD
 from truearm.wings.laboratory.pages.limits_figure import limits_figure
-from truearm.wings.laboratory.pages.verification_page import verification_page, where_figure, where_scene
+from truearm.wings.laboratory.pages.verification_page import (
+    measured_places,
+    share_of_limit,
+    verification_page,
+    where_figure,
+    where_scene,
+)
 from truearm.wings.laboratory.standards.artefacts import Artefacts
 from truearm.wings.laboratory.standards.coordinate_origin import CoordinateOrigin
 from truearm.wings.laboratory.standards.decision import (
@@ -29,7 +35,6 @@ from truearm.wings.laboratory.standards.decision import (
     overall_verdict,
     worst_result,
 )
-from truearm.wings.laboratory.standards.measured_places import measured_places, share_of_limit
 from truearm.wings.laboratory.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.wings.laboratory.standards.specification import Specification
 from truearm.wings.laboratory.standards.verification import Verification

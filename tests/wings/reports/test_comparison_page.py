@@ -7,7 +7,7 @@ import pytest
 
 import truearm as ta
 from truearm.models.uncertainty import UncertaintyBudget
-from truearm.pages.drawings.readings_scene import arm_at_readings
+from truearm.pages.drawings.arm_scene import arm_at_readings
 from truearm.pages.html import render
 from truearm.readings import Session, compare_errors
 from truearm.wings.reports.comparison_page import ModelComparison, comparison_page, comparison_verdict

@@ -9,8 +9,8 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.models.training_conditions import fingerprint
+from truearm.pages.drawings.arm_scene import arm_at_readings
 from truearm.pages.drawings.page_record import version_row
-from truearm.pages.drawings.readings_scene import arm_at_readings
 from truearm.readings import Lengths, Session, check_sessions, compare_errors, length_errors, point_errors
 from truearm.typing import FloatArray
 from truearm.verbs.evaluate import Regressors, predict_points, regressor_remark

@@ -9,6 +9,7 @@ import numpy as np
 
 from truearm.models.uncertainty import UncertaintyBudget
 from truearm.number_format import format_count, format_percent, format_uncertainty, show_mm
+from truearm.pages.drawings.arm_scene import readings_scene
 from truearm.pages.drawings.error_figures import (
     before_after,
     coordinates_by_reading,
@@ -16,7 +17,6 @@ from truearm.pages.drawings.error_figures import (
     errors_by_reading,
 )
 from truearm.pages.drawings.joint_figures import error_against_joint, joint_ranges
-from truearm.pages.drawings.readings_scene import readings_scene
 from truearm.pages.drawings.workspace_figures import error_in_workspace, workspace
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.scene import Mechanism

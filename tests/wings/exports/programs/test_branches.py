@@ -7,8 +7,14 @@ from hypothesis import strategies as st
 from made_up_programs import TOOL, WORK, in_work
 
 import truearm as ta
-from truearm.wings.exports.programs.branches import N_BRANCHES, Screws, inverse_branches, polished
-from truearm.wings.exports.programs.configurations import QUANTITIES, quantities_of
+from truearm.wings.exports.programs.branches import (
+    N_BRANCHES,
+    QUANTITIES,
+    Screws,
+    inverse_branches,
+    polished,
+    quantities_of,
+)
 from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.nominal_joints import nominal_joints
 from truearm.wings.exports.programs.orientations import angles_of, quaternion_of, rotation_of, rotation_of_quaternion

@@ -11,8 +11,8 @@ from truearm.command_line import make_app
 from truearm.wings.laboratory.certificate.administrative_data import template
 from truearm.wings.laboratory.certificate.dcc import dcc
 from truearm.wings.laboratory.pages.certificate_page import certificate_page
+from truearm.wings.laboratory.standards.artefacts import template as artefacts_template
 from truearm.wings.laboratory.standards.decision import worst_result
-from truearm.wings.laboratory.standards.file_templates import template as artefacts_template
 from truearm.wings.laboratory.standards.measured_points import REQUIRED_COLUMNS, SAID_COLUMNS
 
 PAGE = Path(__file__).parents[4] / "docs" / "assessor.md"

@@ -13,8 +13,8 @@ from truearm.wings.laboratory.standards.artefacts import (
     CalibratedLength,
     CalibratedSphere,
     Seat,
+    template,
 )
-from truearm.wings.laboratory.standards.file_templates import template
 from truearm.wings.laboratory.standards.measured_points import CONDITIONS
 from truearm.wings.laboratory.standards.specification import SYMBOLS, Specification, read_specification
 

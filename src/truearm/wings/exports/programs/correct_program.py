@@ -28,7 +28,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import ModelLike, model_file_fingerprint, to_model_of_tip
 from truearm.verbs.record import Record, TextTable, listed
-from truearm.wings.exports.programs.configurations import QUANTITIES
+from truearm.wings.exports.programs.branches import QUANTITIES
 from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.fanuc_ls import FanucListing
 from truearm.wings.exports.programs.frames_file import FramesFile

@@ -15,8 +15,14 @@ from truearm.arm import Arm, Chain
 from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
-from truearm.wings.exports.programs.branches import ParallelAxes, Screws, inverse_branches, polished
-from truearm.wings.exports.programs.configurations import QUANTITIES, quantities_of
+from truearm.wings.exports.programs.branches import (
+    QUANTITIES,
+    ParallelAxes,
+    Screws,
+    inverse_branches,
+    polished,
+    quantities_of,
+)
 from truearm.wings.exports.programs.program import Language
 
 _SIX, _FOUR = 6, 4

@@ -9,7 +9,7 @@ import numpy as np
 from truearm.arm.rigid_motions import inverse
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray
-from truearm.wings.exports.programs.configurations import QUANTITIES
+from truearm.wings.exports.programs.branches import QUANTITIES
 from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.program import Target
 

@@ -43,7 +43,7 @@ class Condition(NamedTuple):
     quantity : str
         ``"J1"`` .. ``"J6"``, ``"|J4|"``: the joint as the controller prints it [deg]. ``"shoulder"``: how far the wrist
         centre is in front of axis 1 [mm]. ``"elbow"``: how far it is in front of the line from axis 2 to axis 3 [mm].
-        See `truearm.wings.exports.programs.configurations`.
+        See `truearm.wings.exports.programs.branches`.
     low, high : float
     """
 

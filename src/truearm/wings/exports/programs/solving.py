@@ -18,7 +18,7 @@ from truearm.arm.rigid_motions import motion
 from truearm.models import Compensator
 from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.configurations import QUANTITIES
+from truearm.wings.exports.programs.branches import QUANTITIES
 from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.nominal_joints import nominal_joints
 from truearm.wings.exports.programs.orientations import angles_of

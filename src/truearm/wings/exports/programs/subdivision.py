@@ -15,7 +15,7 @@ from truearm.arm.rigid_motions import inverse
 from truearm.errors import InputError
 from truearm.findings import format_mm
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.configurations import QUANTITIES
+from truearm.wings.exports.programs.branches import QUANTITIES
 from truearm.wings.exports.programs.number_texts import new_numbers
 from truearm.wings.exports.programs.program import (
     COMES_FROM,

@@ -43,7 +43,7 @@ from truearm.wings.importing.foreign.no_readings import (
 from truearm.wings.importing.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
 from truearm.wings.importing.foreign.program_columns import ProgramColumns, recognise_program_columns
 from truearm.wings.importing.foreign.table_columns import OTHER_NAMES, TableColumns
-from truearm.wings.importing.tables.reading import read_table
+from truearm.wings.importing.tables import read_table
 from truearm.wings.importing.tables.table import Table, TableForm, columns_named, listed
 
 if TYPE_CHECKING:

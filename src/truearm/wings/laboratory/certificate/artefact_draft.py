@@ -15,7 +15,7 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import toml_text
 from truearm.wings.laboratory.certificate.calibration_certificate import CalibrationCertificate, Column, ResultTable
 from truearm.wings.laboratory.certificate.dsi_quantities import MeasuredValue
-from truearm.wings.laboratory.standards.file_templates import template
+from truearm.wings.laboratory.standards.artefacts import template
 
 ROLES = ("diameter", "length", "form")
 REFERENCE_DEGC = Decimal(20)

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from truearm.files.dates import format_date
-from truearm.number_format import RoundedNumber, capitalize, format_count
+from truearm.models import Compensator
+from truearm.number_format import RoundedNumber, capitalize, format_count, show_mm
+from truearm.pages.drawings.arm_scene import arm_at_readings, readings_scene
+from truearm.pages.drawings.workspace_figures import error_in_workspace
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, join_phrases, make_panel, shorten, styles_of
+from truearm.readings import Lengths, Session
 from truearm.readings.thermal_expansion import ThermalExpansion
-from truearm.typing import IntArray
+from truearm.typing import FloatArray, IntArray
 from truearm.wings.laboratory.monitor.assessment import (
     Assessment,
     RecalibrationAdvice,
@@ -27,7 +32,7 @@ from truearm.wings.laboratory.monitor.assessment import (
 )
 from truearm.wings.laboratory.monitor.control_chart import MIN_BASELINE_CHECKS, MIN_LIMIT_VALUES, ControlChart
 from truearm.wings.laboratory.monitor.expected_values import U_OF_STATED
-from truearm.wings.laboratory.monitor.interim_check import InterimCheck, counted
+from truearm.wings.laboratory.monitor.interim_check import InterimCheck, artefacts_of, counted, interim_deviations
 
 _MOST_ROWS = 60
 _MOST_TICKS = 4
@@ -397,3 +402,63 @@ def _checks_axis(axes: Axes, checks: Sequence[InterimCheck]) -> None:
         labels = axes.get_xticklabels()
         labels[0].set_horizontalalignment("left")
         labels[-1].set_horizontalalignment("right")
+
+
+def check_section(model: Compensator, readings: Session, lengths: Lengths | None) -> Section | None:
+    """The points of a check with how far each lies from its seat's mean, or from its sphere.
+
+    Parameters
+    ----------
+    model : Compensator
+    readings : Session
+    lengths : Lengths or None
+        Known lengths between the seats.
+
+    Returns
+    -------
+    Section or None
+        None where no seat has two readings, and there is no sphere.
+    """
+    points = model.predict_readings(readings)
+    # Unexplained by the model: the other part of its uncertainty moves the points of a seat alike.
+    _, unexplained = model.covariance_parts(readings)
+    std_mm = np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3)
+    deviation = np.linalg.norm(interim_deviations(points, seat=readings.seat, sphere=readings.sphere), axis=1)
+    rows = np.flatnonzero(np.isfinite(deviation))
+    if not len(rows):
+        return None
+    artefacts = artefacts_of(readings.seat, readings.sphere, len(readings))
+    worst = int(np.argmax(deviation[rows]))
+    where = f"{readings.called(int(rows[worst]))}, {artefacts[rows[worst]]}"
+    still = error_in_workspace(points[rows], deviation[rows])
+    caption = (
+        "Each point has the colour of its distance from the mean of its seat, or from the sphere through the points of "
+        f"its sphere. On a screen a ring marks the largest, {show_mm(float(deviation[rows[worst]]))}: {where}."
+    )
+    mechanism = arm_at_readings({"": model}, readings)
+    scene = readings_scene(
+        points[rows],
+        {"": deviation[rows]},
+        readings.angles[rows],
+        what="deviation",
+        names=[f"{readings.called(row)}, {artefacts[row]}" for row in rows.tolist()],
+        joint_names=model.arm.joint_names,
+        sliding=model.arm.chain.is_prismatic.tolist(),
+        still=replace(still, caption=caption, alt=f"{format_count(len(rows), 'point')} of the check. {caption}"),
+        shown="",
+        std_mm=std_mm[rows],
+        mechanism=mechanism,
+        lines=_bars(points, readings, lengths),
+        marked={worst: str(artefacts[rows[worst]])},
+    )
+    return Section("The points of this check", scenes=(scene,))
+
+
+def _bars(points: FloatArray, readings: Session, lengths: Lengths | None) -> Sequence[FloatArray]:
+    """Lines between the means of seats whose distance is known."""
+    seats = readings.seat
+    if lengths is None or seats is None:
+        return []
+    pairs = zip(lengths.seat_a.tolist(), lengths.seat_b.tolist(), strict=True)
+    ends = [[seats == one for one in pair] for pair in pairs]
+    return [np.stack([points[rows].mean(axis=0) for rows in pair]) for pair in ends if all(rows.any() for rows in pair)]

@@ -7,6 +7,7 @@ of a certificate's U for k = 2.
 from __future__ import annotations
 
 import datetime
+from importlib.resources import files
 from math import inf, sqrt
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar
@@ -17,6 +18,7 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Positive, Real, read_document
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
+from truearm.wings.laboratory import TemplateKind
 from truearm.wings.laboratory.standards.propagation import ErrorSource, in_each
 
 # No calibrated artefact has a larger form deviation or uncertainty [mm]; such numbers are micrometres.
@@ -383,3 +385,14 @@ def example_artefacts(measuring_range_mm: float) -> Artefacts:
         ),
         seats=(Seat(name="seat", **known, form_mm=0.001, u_fixture_mm=0.001),),
     )
+
+
+def template(kind: TemplateKind) -> str:
+    """Return the text of an empty file; it is refused until it is filled in.
+
+    Parameters
+    ----------
+    kind : {"artefacts", "mpe"}
+        The certificates of the artefacts, or the specification of the arm.
+    """
+    return files("truearm.wings.laboratory.standards").joinpath(f"{kind}_template.toml").read_text(encoding="utf-8")

@@ -132,8 +132,7 @@ class CheckResult(TableRecord, PageRecord):
 
     def page(self) -> Page:
         """The advice, the points of this check in space, and the control charts."""
-        from truearm.wings.laboratory.pages.check_scene import check_section
-        from truearm.wings.laboratory.pages.interim_check_page import drift_page
+        from truearm.wings.laboratory.pages.interim_check_page import check_section, drift_page
 
         model = f"{self.model_name}, {self.model.n_train_} training readings, SHA-256 {self.record.check.model}"
         with accepting(self.accept):

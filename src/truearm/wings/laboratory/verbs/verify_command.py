@@ -171,7 +171,7 @@ def template(kind: Annotated[Literal[TemplateKind, "about"], Argument(help="For 
     To fill in: > mpe.toml.
     """
     from truearm.wings.laboratory.certificate.administrative_data import template as about
-    from truearm.wings.laboratory.standards.file_templates import template as template_text
+    from truearm.wings.laboratory.standards.artefacts import template as template_text
 
     typer.echo(about() if kind == "about" else template_text(kind), nl=False)
 
