@@ -1,4 +1,4 @@
-"""The command line: one module for each command, which parses, calls and prints."""
+"""The command line: the commands of the core and of the wings, which parse, call and print."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def _about(
 
 
 def make_app(word: str = "") -> typer.Typer:
-    """The command line with its commands; a command is the function or the group with the name of its module.
+    """The command line with its commands; a command is a function, or a group of them.
 
     Where the first word of the arguments is a command, with that one alone: twenty parsers take a tenth of a second.
     """
