@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator
 
 from truearm.errors import InputError
 from truearm.number_format import format_count, format_number
-from truearm.pages.figures import finite_array, finite_arrays, nonnegative_arrays
+from truearm.pages.figures import finite_array, finite_arrays, nonnegative_errors
 from truearm.pages.palette import INK, LIMIT, PAPER
 from truearm.pages.plotting import (
     LEFT_IN,
@@ -45,7 +45,7 @@ def error_distribution(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[s
     styles : mapping of str to Style, optional
         From `styles_of`.
     """
-    by_name = nonnegative_arrays(errors, "errors")
+    by_name = nonnegative_errors(errors)
     pens = styles_of(by_name, styles)
     logarithmic = _needs_log(by_name)
     with figure_style():
@@ -72,7 +72,7 @@ def before_after(errors: Mapping[str, npt.ArrayLike], *, styles: Mapping[str, St
     styles : mapping of str to Style, optional
         From `styles_of`.
     """
-    by_name = nonnegative_arrays(errors, "errors")
+    by_name = nonnegative_errors(errors)
     pens = styles_of(by_name, styles)
     logarithmic = _needs_log(by_name)
     with figure_style():

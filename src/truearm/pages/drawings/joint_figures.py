@@ -8,13 +8,16 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
+from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
-from truearm.number_format import format_count
-from truearm.pages.figures import finite_array, finite_arrays, range_figure
-from truearm.pages.palette import INK, LIMIT
+from truearm.number_format import format_count, format_number
+from truearm.pages.figures import finite_array, finite_arrays
+from truearm.pages.palette import FAINT, INK, LIMIT, NAVY
 from truearm.pages.plotting import Figure, Style, dot_style, figure_style, join_phrases, make_panel, shorten, styles_of
 from truearm.typing import FloatArray
+
+_USUAL_DEG = 180.0  # the least that is shown to each side where a joint has no limits
 
 
 def joint_ranges(
@@ -46,15 +49,70 @@ def joint_ranges(
     slides = np.zeros(angles.shape[1], dtype=bool) if sliding is None else np.array(sliding, dtype=bool)
     scale = np.where(slides, 1.0, np.degrees(1.0))
     low, high = -np.inf if lower is None else np.asarray(lower), np.inf if upper is None else np.asarray(upper)
-    return range_figure(
-        angles * scale,
-        names=joint_names(names, len(slides)),
-        units=["mm" if slide else "deg" for slide in slides],
-        lower=low * scale,
-        upper=high * scale,
-        label="joint position",
-        caption=caption or of_readings,
+    positions, names = angles * scale, joint_names(names, len(slides))
+    lower, upper = (np.broadcast_to(limit * scale, slides.shape) for limit in (low, high))
+    units = ["mm" if slide else "deg" for slide in slides]
+    of_unit = {unit: np.flatnonzero([one == unit for one in units]) for unit in units}
+    with figure_style():
+        panels = tuple(
+            _range_panel(positions[:, k], [names[i] for i in k], lower[k], upper[k], unit)
+            for unit, k in of_unit.items()
+        )
+    ranges = "; ".join(
+        f"{shorten(name)} {_span(column)} {unit}" for name, unit, column in zip(names, units, positions.T, strict=True)
     )
+    limited = np.isfinite([lower, upper]).any()
+    limits = "the grey bar is the range within its limits" if limited else "no limits are given"
+    return Figure(
+        panels,
+        caption=f"{caption or of_readings} The histogram shows how often each value occurred; {limits}.",
+        alt=f"Histogram of each joint position. {ranges}.",
+        columns=1 if len(panels) == 1 else 2,
+    )
+
+
+def _range_panel(values: FloatArray, names: Sequence[str], low: FloatArray, high: FloatArray, unit: str) -> Drawing:
+    count = len(names)
+    drawing, (axes,) = make_panel(4.6, 0.75 + 0.36 * count)
+    names = [shorten(name, longest=14) for name in names]
+    drawing.subplots_adjust(left=(0.25 + 0.08 * max(map(len, names))) / 4.6, right=1 - 1.35 / 4.6)
+    left, right = _view(values, low, high, usual=_USUAL_DEG if unit == "deg" else 0.0)
+    for i in range(count):
+        base = count - 1 - i
+        ends = max(low[i], left), min(high[i], right)
+        if np.isfinite(low[i]) or np.isfinite(high[i]):
+            axes.barh(base, ends[1] - ends[0], left=ends[0], height=0.1, align="edge", color=FAINT, zorder=1)
+        _histogram(axes, values[:, i], base + 0.1, (right - left) / 120)
+        span = f"{_span(values[:, i])} {unit}"
+        axes.text(1.02, base + 0.1, span, transform=axes.get_yaxis_transform(), va="bottom")
+    axes.set(xlim=(left, right), ylim=(-0.15, count), xlabel=f"joint position [{unit}]")
+    axes.set_yticks(np.arange(count)[::-1] + 0.1, names, va="bottom")
+    axes.tick_params(axis="y", length=0)
+    axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 1.5, 3, 4.5, 6, 9, 10] if unit == "deg" else [1, 2, 5, 10]))
+    axes.grid(visible=False, axis="y")
+    axes.spines["left"].set_visible(False)
+    return drawing
+
+
+def _histogram(axes: Axes, values: FloatArray, base: float, step: float) -> None:
+    """Draw a histogram of fixed height on `base`."""
+    edges = np.arange(np.floor(values.min() / step), np.floor(values.max() / step) + 2) * step
+    counts, edges = np.histogram(values, edges)
+    axes.stairs(base + 0.72 * counts / counts.max(), edges, baseline=base, fill=True, color=NAVY, alpha=0.85, zorder=2)
+
+
+def _view(values: FloatArray, low: FloatArray, high: FloatArray, *, usual: float) -> tuple[float, float]:
+    """Range to draw: values and finite limits, and without limits at least the usual range."""
+    ends = np.concatenate([[values.min(), values.max()], low[np.isfinite(low)], high[np.isfinite(high)]])
+    left, right = float(ends.min()), float(ends.max())
+    if not np.isfinite(low).any() and not np.isfinite(high).any():
+        left, right = min(left, -usual), max(right, usual)
+    margin = max(0.02 * (right - left), 0.5)
+    return left - margin, right + margin
+
+
+def _span(values: FloatArray) -> str:
+    return f"{format_number(round(values.min()))} to {format_number(round(values.max()))}"
 
 
 def error_against_joint(

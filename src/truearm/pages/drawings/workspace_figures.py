@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
 from truearm.number_format import format_count, format_number
-from truearm.pages.figures import finite_array, nonnegative_arrays
+from truearm.pages.figures import finite_array, nonnegative_errors
 from truearm.pages.palette import FAINT, LIMIT, NAVY
 from truearm.pages.plotting import RASTER_FROM, Figure, dot_style, figure_style, make_view
 from truearm.typing import FloatArray
@@ -65,7 +65,7 @@ def error_in_workspace(points: npt.ArrayLike, errors: npt.ArrayLike, *, name: st
         The model whose error it is.
     """
     points = finite_array(points, "points", width=3)
-    (errors,) = nonnegative_arrays({name or "the model": errors}, "errors").values()
+    (errors,) = nonnegative_errors({name or "the model": errors}).values()
     if len(points) != len(errors):
         raise InputError(f"expected one error a point, got {len(points)} points and {len(errors)} errors")
     order = np.argsort(errors, kind="stable")  # the largest on top, else the many small ones hide them
