@@ -12,8 +12,8 @@ import truearm as ta
 from truearm.acceptance import Contradiction
 from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import InputError
+from truearm.wings.camera.mounts import write_transforms
 from truearm.wings.camera.pose_files import read_samples
-from truearm.wings.camera.transform_files import write_transforms
 
 BOTH = pytest.mark.parametrize("eye_in_hand", [False, True])
 MM = 1e-3  # files have all digits: what is left is rounding

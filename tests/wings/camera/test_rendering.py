@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 from truearm.wings.camera.boards import parse_board
 from truearm.wings.camera.lenses import Lens
 from truearm.wings.camera.patterns import pattern_of
-from truearm.wings.camera.rendering import ALONG, BEHIND, INK, MARGIN_MM, PAPER, Renderer
+from truearm.wings.camera.simulate_images import ALONG, BEHIND, INK, MARGIN_MM, PAPER, Renderer
 
 
 def plain(pattern, lens, T):

@@ -221,7 +221,7 @@ def hand_eye(
     """
     from truearm.arm.catalogue import arm_path
     from truearm.pages.drawings.page_record import check_page_path
-    from truearm.wings.camera.transform_files import write_transforms
+    from truearm.wings.camera.mounts import write_transforms
 
     if (out is None) != (format is None):
         raise InputError("--out and --as belong together", hint="--out camera.yaml --as easy-handeye")

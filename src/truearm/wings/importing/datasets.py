@@ -21,8 +21,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.readings import Lengths, Session
 from truearm.readings.columns import AngleUnit
-from truearm.wings.importing.foreign.joint_scale import JointScale
-from truearm.wings.importing.foreign.table_columns import TableColumns
+from truearm.wings.importing.foreign.table_columns import JointScale, TableColumns
 from truearm.wings.importing.foreign.tables import import_table
 
 Source = Literal["ipa_ur10_leica", "tsinghua_ur5_wam", "mukca_ball_socket"]

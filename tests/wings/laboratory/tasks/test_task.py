@@ -11,10 +11,16 @@ from truearm.arm.arm import Arm
 from truearm.arm.catalogue import load_arm
 from truearm.wings.laboratory.pages.task_page import task_scene
 from truearm.wings.laboratory.tasks import features
-from truearm.wings.laboratory.tasks.estimate import SHORTEST, Estimate, shortest_interval
+from truearm.wings.laboratory.tasks.estimate import (
+    SHORTEST,
+    Estimate,
+    FitnessDecision,
+    describe_fitness,
+    fitness,
+    shortest_interval,
+)
 from truearm.wings.laboratory.tasks.feature_postures import middle_of
 from truearm.wings.laboratory.tasks.features import FeatureQuantity
-from truearm.wings.laboratory.tasks.fitness import FitnessDecision, describe_fitness, fitness
 from truearm.wings.laboratory.tasks.task import advice, simulate_measurements
 
 ARM = load_arm("gao2017")

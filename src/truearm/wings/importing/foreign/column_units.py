@@ -12,10 +12,10 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.targets.joint_files.tables import READ, motor_columns
-from truearm.wings.importing.foreign.joint_scale import JointScale, JointUnit, certain_unit
 from truearm.wings.importing.foreign.lerobot_recordings import check_ranges
 from truearm.wings.importing.foreign.no_readings import lost_targets
 from truearm.wings.importing.foreign.program_columns import split_unit
+from truearm.wings.importing.foreign.table_columns import JointScale, JointUnit, certain_unit
 from truearm.wings.importing.tables.table import Table
 from truearm.wings.importing.tables.units import canonical_unit, conversion, unit_in_name
 

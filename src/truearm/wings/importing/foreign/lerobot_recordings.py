@@ -17,8 +17,7 @@ from truearm.wings.exports.targets.lerobot_motors import (
     joint_values,
     motors_and_arm,
 )
-from truearm.wings.importing.foreign.joint_scale import JointScale
-from truearm.wings.importing.foreign.table_columns import TableColumns
+from truearm.wings.importing.foreign.table_columns import JointScale, TableColumns
 from truearm.wings.importing.tables.table import Table
 
 

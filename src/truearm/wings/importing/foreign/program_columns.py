@@ -22,8 +22,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray, NameArray
-from truearm.wings.importing.foreign.joint_scale import JointUnit
-from truearm.wings.importing.foreign.table_columns import TableColumns, is_other
+from truearm.wings.importing.foreign.table_columns import JointUnit, TableColumns, is_other
 from truearm.wings.importing.tables.table import columns_named
 from truearm.wings.importing.tables.units import canonical_unit
 

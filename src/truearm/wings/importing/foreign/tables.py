@@ -30,7 +30,6 @@ from truearm.wings.importing.foreign.column_units import (
     unit_of_name,
 )
 from truearm.wings.importing.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
-from truearm.wings.importing.foreign.joint_scale import JointScale
 from truearm.wings.importing.foreign.lerobot_recordings import lerobot_meaning
 from truearm.wings.importing.foreign.no_readings import (
     far_turned,
@@ -42,7 +41,7 @@ from truearm.wings.importing.foreign.no_readings import (
 )
 from truearm.wings.importing.foreign.orientations import OrientationUnit, check_orientation_columns, read_orientations
 from truearm.wings.importing.foreign.program_columns import ProgramColumns, recognise_program_columns
-from truearm.wings.importing.foreign.table_columns import OTHER_NAMES, TableColumns
+from truearm.wings.importing.foreign.table_columns import OTHER_NAMES, JointScale, TableColumns
 from truearm.wings.importing.tables import read_table
 from truearm.wings.importing.tables.table import Table, TableForm, columns_named, listed
 

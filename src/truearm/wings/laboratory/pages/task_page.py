@@ -16,8 +16,7 @@ from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section
 from truearm.pages.palette import LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.pages.scene import PointCloud, PointColumn, Scene
-from truearm.wings.laboratory.tasks.estimate import Estimate
-from truearm.wings.laboratory.tasks.fitness import Fitness, FitnessDecision, describe_fitness
+from truearm.wings.laboratory.tasks.estimate import Estimate, Fitness, FitnessDecision, describe_fitness
 from truearm.wings.laboratory.tasks.task import TaskAssessment, TaskEstimates
 
 _BINS = 40

@@ -14,10 +14,9 @@ import numpy as np
 
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.laboratory.tasks.estimate import COVERAGE_PROBABILITY, Estimate
+from truearm.wings.laboratory.tasks.estimate import COVERAGE_PROBABILITY, Estimate, Fitness, fitness
 from truearm.wings.laboratory.tasks.feature_postures import feature_postures
 from truearm.wings.laboratory.tasks.features import Feature
-from truearm.wings.laboratory.tasks.fitness import Fitness, fitness
 from truearm.wings.laboratory.tasks.sampled_arms import ArmDistribution, ArmSample, PosteriorDistribution
 from truearm.wings.laboratory.tasks.specification_sheet import (
     BEST_SHARE,

@@ -22,10 +22,9 @@ from truearm.verbs.inputs import ArmLike, to_arm, to_model_of_tip
 from truearm.verbs.record import SAME_DAY, TableRecord, TextTable, columns_of, format_fixed
 from truearm.wings.laboratory import FeatureKind
 from truearm.wings.laboratory.standards.specification import Specification, read_specification
-from truearm.wings.laboratory.tasks.estimate import Estimate
+from truearm.wings.laboratory.tasks.estimate import Estimate, Fitness, describe_fitness
 from truearm.wings.laboratory.tasks.feature_postures import place_feature
 from truearm.wings.laboratory.tasks.features import Feature
-from truearm.wings.laboratory.tasks.fitness import Fitness, describe_fitness
 from truearm.wings.laboratory.tasks.sampled_arms import ArmDistribution, PosteriorDistribution, PresetDistribution
 from truearm.wings.laboratory.tasks.specification_sheet import SpecificationDistribution
 from truearm.wings.laboratory.tasks.task import TaskAssessment, assess_task
