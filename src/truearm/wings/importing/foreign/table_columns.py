@@ -1,4 +1,4 @@
-"""Which column of a foreign table holds what, and the scale of its joints: stated by a person, or told by names."""
+"""Which column of a foreign table holds what, and the scale of its joints: as a person states it, or by the names."""
 
 from __future__ import annotations
 
