@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, partial
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -14,11 +14,13 @@ import truearm as ta
 from benchmarks.held_out import IDENTIFIED, split, squared_lengths
 from benchmarks.identification import tool_positions
 from benchmarks.rows import Rows, finding
+from truearm.acceptance import accepting
 from truearm.arm import Arm, load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
+from truearm.identification.judgement.axis_scale import AxisScale
 from truearm.identification.judgement.outliers import outliers
-from truearm.models import KinematicModel, PhysicalModel
+from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.models.compensator import Compensator
 from truearm.readings import Session
 from truearm.readings.lengths import Lengths
@@ -328,6 +330,44 @@ def outcome(arm: Arm, session: Session) -> tuple[bool, float, float]:
     except InputError:
         return True, np.nan, np.nan
     return False, model.held_out_.mean_mm, model.nominal_check_.ratio
+
+
+def largest_axis(arm: Arm, session: Session) -> AxisScale:
+    """The likeliest scale of one axis by a session."""
+    with accepting("measured"):
+        model = NominalModel(replace(arm, lower=None, upper=None)).fit_readings(session)
+    assert model.nominal_check_.axis_scale is not None
+    return model.nominal_check_.axis_scale
+
+
+@ROWS.row("axes", quick={"arm_names": (ARM,), "sets": ("ur5",)})
+def axes(
+    arm_names: tuple[str, ...] = (ARM, "ur10", "panda"), sets: tuple[str, ...] = ("ur10-a", "ur10-b", "ur5", "wam")
+) -> Iterator[dict[str, str]]:
+    """Points of which one axis is too long, and right ones: which scale of an axis is refused.
+
+    Hidden: by what the arm leaves with its constants identified, more than a fifth of what the mistake moves points by.
+    """
+    sessions = [(arm, session) for _, arm, session in arms_and_readings(arm_names, sets)]
+    for name, preset in product(arm_names, ("shop", "worn", "printed")):
+        sessions.append((load_arm(name), measured(virtual_arm(name, preset, 1), READINGS, 1)))
+    as_they_are = [largest_axis(arm, session) for arm, session in sessions]
+    clear = sum(one.is_clear for one in as_they_are)
+    yield finding("points as they are", "none", f"{clear} of {len(sessions)} named", clear == 0)
+    for share in (0.002, 0.01):
+        n = n_hidden = n_right = n_wrong = 0
+        for (arm, session), before in zip(sessions, as_they_are, strict=True):
+            for axis, moved in enumerate(share * session.points.std(axis=0)):
+                factors = np.where(np.arange(3) == axis, 1 + share, 1.0)
+                found = largest_axis(arm, replace(session, points=session.points * factors))
+                is_right = found.axis == "xyz"[axis] and abs(found.share - share) < 0.3 * share
+                n_right += found.is_clear and is_right
+                n_wrong += found.is_clear and not is_right
+                is_hidden = moved < 5 * before.noise_without_mm
+                n, n_hidden = n + 1, n_hidden + (is_hidden and not found.is_clear)
+        now = f"{n_right} of {n} named, {n_wrong} wrongly, {n_hidden} hidden"
+        wanted = "named where it is not hidden"
+        yield finding(f"one axis {100 * share:g} % too long", wanted, now, n_right + n_hidden == n)
 
 
 @ROWS.row("wrong-arms", quick={"arm_names": (ARM,), "sets": ("ur5",)})

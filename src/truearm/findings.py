@@ -14,8 +14,9 @@ What: TypeAlias = Literal[
     "what limits", "orientation scatter", "unfilled rows", "joint limits", "no reference", "training readings",
     "lengths", "similar names", "single seats", "rounds", "repeats", "no arm", "held-out errors", "rounded angles",
     "few readings on", "session frames", "tips", "bar", "size", "still joint", "convergence", "stated uncertainty",
-    "nominal arm", "length scale", "temperature order", "few readings", "hybrid model", "change", "nominal error",
-    "trained range", "angles", "payload", "acceptance in the fit", "base", "known readings", "regressor", "file",
+    "nominal arm", "length scale", "axis scale", "temperature order", "few readings", "hybrid model", "change",
+    "nominal error", "trained range", "angles", "payload", "acceptance in the fit", "base", "known readings",
+    "regressor", "file",
 ]
 # fmt: on
 _ORDER = {what: number for number, what in enumerate(get_args(What))}

@@ -36,6 +36,7 @@ from truearm.identification.estimation.residual_variance import (
     fit_variance_function,
 )
 from truearm.identification.estimation.tip_offsets import what_tips_show
+from truearm.identification.judgement.axis_scale import axis_scale, refuse_axis
 from truearm.identification.judgement.cross_validation import (
     IN_LENGTH,
     birge_ratio,
@@ -291,6 +292,9 @@ def judge_description(readings: PreparedReadings, nominal: IdentificationResult)
         readings.free,
     )
     refuse_implausible(check, readings.arm, readings.measured, nominal.tips(readings.state))
+    if not readings.frames:  # else the axes of a session are not those of its file
+        check = replace(check, axis_scale=axis_scale(nominal, readings.state, references, every))
+        refuse_axis(check.axis_scale, readings.measured)
     check_stated_uncertainty(readings.measured, nominal, references, partial(_identify_terms, readings, every))
     return check
 

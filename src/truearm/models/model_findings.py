@@ -82,6 +82,8 @@ def model_findings(model: Compensator, arm_model: Compensator, readings: Prepare
     yield from model.findings_
     yield from model.training_.still_joints(model.arm_.chain)
     yield from model.nominal_check_.findings()
+    if (axis := model.nominal_check_.axis_scale) is not None:
+        yield from axis.findings()
     # Without terms for them no model ignores them.
     yield from (one for one in readings.findings if identified is not None or one.what != "few readings on")
     if arm_model.arm.has_kinematics:

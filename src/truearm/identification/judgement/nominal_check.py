@@ -36,6 +36,7 @@ from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.axis_scale import AxisScale
 from truearm.identification.judgement.description_check import (
     VERY_STRONG,
     DescriptionCheck,
@@ -232,6 +233,8 @@ class NominalCheck:
         By what share all identified lengths differ from the drawing alike; None where that is not needed.
     other_arm : Explanation or None
         An arm with a similar name whose drawing explains the readings far better.
+    axis_scale : AxisScale or None
+        By what share one axis of the reference is longer than the others; None without points in one frame.
     """
 
     error_mm: float
@@ -243,6 +246,7 @@ class NominalCheck:
     of_turns: NominalCheck | None = None
     length_scale: LengthScale | None = None
     other_arm: Explanation | None = None
+    axis_scale: AxisScale | None = None
 
     @property
     def ratio(self) -> float:

@@ -36,17 +36,19 @@ MISTAKES = {1e3: ", as if micrometres were entered as mm", 1e-3: ", as if it wer
 NEAR = 5.0
 
 
-def stated_ratio(fit: IdentificationResult) -> float | None:
-    """Stated standard uncertainty of a coordinate over its scatter.
+def stated_ratio(fit: IdentificationResult, axis: int | None = None) -> float | None:
+    """Stated standard uncertainty of a coordinate over its scatter, of all or along one axis.
 
     None without stated uncertainties of points, and where an arm passes through nearly all of them.
     """
+    which = slice(None) if axis is None else slice(axis, axis + 1)
     for part in fit.references:
         if part.kind == "point" and part.residuals.size and (part.std > 0).all():
             n_effective = sum(group.effective for group in fit.groups)
             if part.residuals.size - n_effective < LEAST_FREEDOM:
                 return None
-            scatter = _scatter(part.residuals / part.std, n_effective)
+            whitened = (part.residuals / part.std)[which]
+            scatter = _scatter(whitened, n_effective * whitened.size / part.residuals.size)
             return 1 / scatter if scatter > 0 else np.inf
     return None
 
@@ -63,7 +65,7 @@ def check_stated_uncertainty(
     references: Sequence[Reference],
     identify: Callable[[Sequence[Reference]], IdentificationResult],
 ) -> None:
-    """Refuse stated uncertainties that are far larger than the scatter of the points.
+    """Refuse stated uncertainties that are far larger than the scatter of the points, be it along one axis.
 
     Parameters
     ----------
@@ -79,17 +81,15 @@ def check_stated_uncertainty(
     InputError
         If they are `MAX_RATIO` times as large or more, with the likely mistake.
     """
-    ratio = stated_ratio(as_stated(nominal, references))
-    if ratio is None or ratio * SUSPECT_NOMINAL < 1:
+    if _largest(as_stated(nominal, references))[0] * SUSPECT_NOMINAL < 1:
         return
     bare = [replace(one, point_std=None) if isinstance(one, Points) else one for one in references]
-    fit = identify(bare)
-    ratio = stated_ratio(as_stated(fit, references))
-    if ratio is not None and ratio >= MAX_RATIO:
+    ratio, axis = _largest(as_stated(identify(bare), references))
+    if ratio >= MAX_RATIO:
         readings.contradict(
             f"the stated uncertainty of the reference points is {ratio:.0f} times their scatter about the identified "
             f"arm{_mistake(ratio)}",
-            column="sx_mm",
+            column=f"s{axis}_mm",
             hint="check the unit of the stated uncertainty, or omit its columns",
         )
 
@@ -141,6 +141,11 @@ def rounded_angles(readings: PreparedReadings, fit: IdentificationResult) -> tup
             "counts as uncertainty of the angles, not of the arm."
         )
     return (Finding("rounded angles", would, {"moved_mm": moved}),)
+
+
+def _largest(fit: IdentificationResult) -> tuple[float, str]:
+    """The largest `stated_ratio` of an axis, and the axis; zero where there is none."""
+    return max((stated_ratio(fit, axis) or 0.0, name) for axis, name in enumerate("xyz"))
 
 
 def _mistake(ratio: float) -> str:
