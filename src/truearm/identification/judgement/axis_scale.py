@@ -2,11 +2,10 @@
 
 Small motions of an arm explain such points nearly as well as a good model does, those held out of the same region too,
 and the arm is then as wrong along that axis. Its constants alone do not: the residuals r of the nominal arm have the
-covariance ``s^2 I + J P J'`` with the prior P of the constants, and beside the free base and tip the points may differ
-by a share of one coordinate. The restricted likelihood (D. A. Harville, Biometrika 61 (1974) 383) of each axis, with
-the noise s that suits it best, is compared with that of none. Virtual arms without the mistake, printed ones that sag
-among them, and real ones lose up to a quarter of the variance s^2 by it, arms with an axis 0.2 % too long 84 % or more
-(`python -m benchmarks imperfect_readings axes`).
+covariance ``s^2 I + J P J'`` with the prior P of the constants, and of joints that yield under the weight of the arm.
+Beside the free base and tip the points may differ by a share of one coordinate. The restricted likelihood (D. A.
+Harville, Biometrika 61 (1974) 383) of each axis, with the noise s that suits it best, is compared with that of none.
+The limits are evidence, `python -m benchmarks imperfect_readings axes`.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import numpy as np
 from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.description_check import VERY_STRONG
+from truearm.identification.judgement.description_check import VERY_STRONG, sagging_angles
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms import ArmState, Term
 from truearm.readings.readings import Measurements
@@ -49,7 +48,7 @@ class AxisScale:
     share, u : float
         The share [1], positive where they are longer, and its standard uncertainty.
     noise_mm, noise_without_mm : float
-        Standard deviation of a coordinate that the arm's constants leave, with that share and without [mm].
+        Standard deviation of a coordinate that the arm's constants and weight leave, with that share and without [mm].
     log_odds : float
         Logarithm of the odds of this share against none.
     """
@@ -120,15 +119,15 @@ def axis_scale(
         if isinstance(points, Points) and len(kept):
             kept = kept[np.unique(np.linspace(0, len(kept) - 1, SAMPLE).astype(np.intp))]
             rows = found.rows[kept]
-            by_free, by_constant = _derivatives(nominal, state.rows(rows), constants)
-            return likeliest_axis(-found.residuals[:, kept].T, points.points[kept], by_free, by_constant)
+            by_free, by_uncertain = _derivatives(nominal, state.rows(rows), constants)
+            return likeliest_axis(-found.residuals[:, kept].T, points.points[kept], by_free, by_uncertain)
     return None
 
 
 def _derivatives(
     nominal: IdentificationResult, state: ArmState, constants: Sequence[Term]
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 3, k) derivatives of tips by the free parts, and by constants in prior standard deviations [mm]."""
+    """(n, 3, k) derivatives of tips by the free parts; by constants and weight, in prior standard deviations [mm]."""
     free = nominal.perturbed_chain.terms
     names = {term.name for term in free}
     others = [term for term in constants if term.name not in names]
@@ -136,11 +135,14 @@ def _derivatives(
     by = np.concatenate([by for _, _, by in chain.derivatives(state, np.zeros(chain.n_coefficients))], axis=2)
     n_free = sum(term.n_coefficients for term in free)
     std = np.concatenate([np.zeros(0), *(term.prior_stds for term in others)])
-    return by[:n_free].transpose(2, 1, 0), (by[n_free:] * std[:, None, None]).transpose(2, 1, 0)
+    turns = nominal.chain.tip_derivatives(state.angles).motion_jacobian[:, 1:-1, 2].transpose(0, 2, 1)
+    by_weight = turns * sagging_angles(state.chain, state.angles)[:, None]
+    uncertain = np.concatenate([(by[n_free:] * std[:, None, None]).transpose(2, 1, 0), by_weight], axis=2)
+    return by[:n_free].transpose(2, 1, 0), uncertain
 
 
 def likeliest_axis(
-    residuals: FloatArray, points: FloatArray, by_free: FloatArray, by_constant: FloatArray
+    residuals: FloatArray, points: FloatArray, by_free: FloatArray, by_uncertain: FloatArray
 ) -> AxisScale | None:
     """The likeliest scale of one axis by residuals (n, 3) of points (n, 3) [mm]; None of too few.
 
@@ -150,8 +152,8 @@ def likeliest_axis(
         Points less tips, and points [mm].
     by_free : (n, 3, p) array
         Derivatives of the tips by what is free.
-    by_constant : (n, 3, k) array
-        Derivatives by constants, times their prior standard deviations [mm].
+    by_uncertain : (n, 3, k) array
+        Derivatives by what is uncertain, times prior standard deviations [mm].
     """
     rows = residuals.size
     along = np.zeros((*points.shape, 3))
@@ -161,7 +163,7 @@ def likeliest_axis(
     Q = Q[:, weights > 1e-9 * weights.max(initial=0.0)]
     constants, data = (
         one - Q @ (Q.T @ one)
-        for one in (by_constant.reshape(rows, -1), np.column_stack([residuals.reshape(rows), along.reshape(rows, 3)]))
+        for one in (by_uncertain.reshape(rows, -1), np.column_stack([residuals.reshape(rows), along.reshape(rows, 3)]))
     )
     U, s, _ = np.linalg.svd(constants, full_matrices=False)
     n = rows - Q.shape[1]

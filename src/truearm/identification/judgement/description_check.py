@@ -340,7 +340,7 @@ def _likelihood(
     by_constant = jacobian[:, 1:-1].reshape(m, 6 * n, 3).transpose(0, 2, 1) * std
     n_sagging = n if hypothesis.sags else 0
     if n_sagging:
-        by_weight = jacobian[:, 1:-1, 2].transpose(0, 2, 1) * _sagging_angles(stated, one.angles(table.angles))[:, None]
+        by_weight = jacobian[:, 1:-1, 2].transpose(0, 2, 1) * sagging_angles(stated, one.angles(table.angles))[:, None]
         by_constant = np.concatenate([by_constant, by_weight], axis=2)
     by_tip = jacobian[:, -1, 3:].transpose(0, 2, 1)
     free = [by_tip] if "tip" in table.free else []
@@ -366,7 +366,7 @@ def _likelihood(
     return log_likelihood + _log_prior_of_size(stated, chain), usual * float(np.sqrt(3)), left
 
 
-def _sagging_angles(chain: Chain, angles: FloatArray) -> FloatArray:
+def sagging_angles(chain: Chain, angles: FloatArray) -> FloatArray:
     """(m, n_joints) angles by which joints of one compliance yield under uniform links, of an upright arm [rad].
 
     The joint that yields most has the root mean square `SAG_STD`.
