@@ -61,9 +61,7 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
     fixed = joint_poses(parse_yaml(made.encode())).fixed
 
     def content(manifest: Manifest) -> str:
-        origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})
-        named = manifest.model_copy(update={"provenance": origin})
-        return f"{ur_kinematics.comments(named, tool)}{made}"
+        return f"{ur_kinematics.comments(manifest.of_joints(rigid.arm.joint_names), tool)}{made}"
 
     return ConstantsFile(rigid, replace(rigid.arm.chain, fixed=np.array(fixed)), content)
 

@@ -7,13 +7,10 @@ site at the identified tip and a text with the chain's ends; meshes, masses, act
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import load_arm
 from truearm.arm.catalogue import split_links
 from truearm.arm.mjcf import MjcfRobot, mjcf_robot
 from truearm.arm.urdf import MAX_BYTES, UrdfChain, free_name, spaced
@@ -21,20 +18,20 @@ from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
+from truearm.wings.exports.formats import urdf
 from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.rigid_arm import RigidArm
 from truearm.wings.exports.formats.urdf import (
     TIP_LINK,
     Edit,
     apply_edits,
-    comment_edits,
-    is_manifest,
     new_origins,
     set_attributes,
     start_tag,
     tag_text,
+    without_manifest,
 )
-from truearm.wings.exports.targets.manifest import Manifest, read_manifest
+from truearm.wings.exports.targets.manifest import Manifest
 
 _ORIENTATION = re.compile(
     rb"""\s+(?:%b)\s*=\s*(?:"[^"]*"|'[^']*')"""
@@ -55,21 +52,11 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
         raise error.in_file(file) from None
 
     def edited(manifest: Manifest) -> bytes:
-        origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})
-        kept = apply_edits(content, comment_edits(content, is_manifest))
+        kept = without_manifest(content)
         again = mjcf_robot(kept)
-        named = manifest.model_copy(update={"provenance": origin})
-        return _edited(kept, again, again.chain(base, tip), rigid, named)
+        return _edited(kept, again, again.chain(base, tip), rigid, manifest.of_joints(rigid.arm.joint_names))
 
     return ConstantsFile(rigid, rigid.arm.chain, edited)
-
-
-def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
-    """(n, 3) tips [mm] of an exported file, in its base frame, at joints (n, n_joints) [rad, or mm]."""
-    arm, names = load_arm(Path(path)), read_manifest(path).provenance.joint_names
-    if arm.joint_names != names:
-        raise InputError(f"expected the joints {', '.join(names)}, got {', '.join(arm.joint_names)}", file=path)
-    return arm.chain.tip_in_base(joints)
 
 
 def _check_bodies(robot: MjcfRobot, chain: UrdfChain, content: bytes) -> None:
@@ -131,3 +118,4 @@ def _pose_edit(content: bytes, start: int, frame: FloatArray) -> Edit:
 
 
 write = writer("mjcf", _file_of)
+tips = urdf.tips

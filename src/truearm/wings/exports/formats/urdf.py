@@ -21,7 +21,7 @@ from xml.parsers import expat
 import numpy as np
 import numpy.typing as npt
 
-from truearm.arm import Arm, read_urdf
+from truearm.arm import Arm, read_arm
 from truearm.arm.catalogue import split_links
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.urdf import MAX_BYTES, UrdfChain, free_name, spaced, urdf_bytes, urdf_chain
@@ -136,9 +136,8 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
             raise error.in_file(file) from None
 
     def edited(manifest: Manifest) -> bytes:
-        origin = manifest.provenance.model_copy(update={"joint_names": rigid.arm.joint_names})  # those of the source
-        kept = apply_edits(content, comment_edits(content, is_manifest))
-        named = manifest.model_copy(update={"provenance": origin})
+        kept = without_manifest(content)
+        named = manifest.of_joints(rigid.arm.joint_names)
         return _edited(kept, _robot(kept, base, tip), rigid, request.frame, named)
 
     arm = rigid.arm if request.frame == "base" else rigid.in_reference_frame()
@@ -147,15 +146,15 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
 
 def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
     """(n, 3) tips [mm] of an exported file, in its base frame, at joints (n, n_joints) [rad, or mm]."""
-    arm, names = read_urdf(path), read_manifest(path).provenance.joint_names
+    arm, names = read_arm(path), read_manifest(path).provenance.joint_names
     if arm.joint_names != names:
         raise InputError(f"expected the joints {', '.join(names)}, got {', '.join(arm.joint_names)}", file=path)
     return arm.chain.tip_in_base(joints)
 
 
-def is_manifest(comment: str) -> bool:
-    """Whether a comment is what an earlier export states of itself."""
-    return comment.lstrip().startswith(f"{MARKER}: {{")
+def without_manifest(content: bytes) -> bytes:
+    """The file without the comments in which earlier exports state what they are."""
+    return apply_edits(content, comment_edits(content, lambda text: text.lstrip().startswith(f"{MARKER}: {{")))
 
 
 def _made(arm: Arm) -> bytes:

@@ -177,6 +177,8 @@ class Krl(Language):
 
     title = "KUKA KRL"
     endings = (".src", ".dat", ".sub")
+    comment = b"; "
+    heading = rb"(?im)^(?:\xef\xbb\xbf)?[ \t]*(?:GLOBAL[ \t]+)?DEF(?:FCT|DAT)?[ \t][^\r\n]*(?:\r\n|\n|\r)"
 
     def recognises(self, data: bytes) -> bool:
         """See `Language`."""
@@ -215,14 +217,6 @@ class Krl(Language):
         """See `Language`: how near it passes is $APO.CDIS of the program."""
         del spacing_mm
         return b" C_DIS"
-
-    def mark(self, program: Program, words: str) -> Edit:
-        """See `Language`."""
-        head = re.search(
-            rb"(?im)^(?:\xef\xbb\xbf)?[ \t]*(?:GLOBAL[ \t]+)?DEF(?:FCT|DAT)?[ \t][^\r\n]*(?:\r\n|\n|\r)", program.data
-        )
-        at = head.end() if head else text_start(program.data)
-        return Edit(at, at, b"; " + words.encode("ascii") + line_end_of(program.data))
 
 
 class _File(NamedTargets):

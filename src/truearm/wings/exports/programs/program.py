@@ -243,6 +243,10 @@ class Language(ABC):
         Of the arms whose targets are understood.
     takes_no_targets : str
         Why no further target can be written into a program; empty where it can.
+    comment : bytes
+        What a comment begins with.
+    heading : bytes
+        Pattern of the line after which a comment on the whole program stands; before the first line by default.
     """
 
     title: ClassVar[str]
@@ -251,6 +255,8 @@ class Language(ABC):
     keeps_comments: ClassVar[bool] = True
     n_axes: ClassVar[tuple[int, ...]] = (6,)
     takes_no_targets: ClassVar[str] = ""
+    comment: ClassVar[bytes]
+    heading: ClassVar[bytes] = rb"\A(?:\xef\xbb\xbf)?"
 
     @abstractmethod
     def recognises(self, data: bytes) -> bool:
@@ -279,9 +285,11 @@ class Language(ABC):
             The corrected tool in the work frame, translation in mm; None where the target does not state both frames.
         """
 
-    @abstractmethod
     def mark(self, program: Program, words: str) -> Edit:
         """A comment of at most 28 characters, which says that the program is corrected, as the language writes it."""
+        head = re.search(self.heading, program.data)
+        at = head.end() if head else text_start(program.data)
+        return Edit(at, at, self.comment + words.encode("ascii") + line_end_of(program.data))
 
     def configuration(self, target: Target, quantities: Mapping[str, float]) -> Iterable[Edit]:
         """Edits of a configuration that the corrected joints have left; `quantities` are those of `Condition`.

@@ -134,6 +134,8 @@ class Rapid(Language):
 
     title = "ABB RAPID"
     endings = (".mod", ".prg", ".sys", ".modx", ".sysx")
+    comment = b"! "
+    heading = rb"(?im)^(?:\xef\xbb\xbf)?[ \t]*MODULE[ \t]+[^\r\n]*(?:\r\n|\n|\r)"
 
     def recognises(self, data: bytes) -> bool:
         """See `Language`."""
@@ -168,12 +170,6 @@ class Rapid(Language):
     def zone(self, spacing_mm: float) -> bytes:
         """See `Language`; the controller shortens zones that overlap."""
         return b"z5" if spacing_mm >= _WIDE_MM else b"z1"
-
-    def mark(self, program: Program, words: str) -> Edit:
-        """See `Language`."""
-        head = re.search(rb"(?im)^(?:\xef\xbb\xbf)?[ \t]*MODULE[ \t]+[^\r\n]*(?:\r\n|\n|\r)", program.data)
-        at = head.end() if head else text_start(program.data)
-        return Edit(at, at, b"! " + words.encode("ascii") + line_end_of(program.data))
 
 
 def _is_encoded(data: bytes) -> bool:

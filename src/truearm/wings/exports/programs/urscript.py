@@ -26,7 +26,6 @@ from truearm.wings.exports.programs.orientations import quaternion_of, rotation_
 from truearm.wings.exports.programs.program import (
     COMES_FROM,
     WRITTEN_OTHERWISE,
-    Edit,
     Language,
     LeftAlone,
     Lines,
@@ -38,7 +37,6 @@ from truearm.wings.exports.programs.program import (
     Surroundings,
     Target,
     line_end_of,
-    text_start,
 )
 
 _LIST = re.compile(rf"(p?)\[\s*({NUMBER}(?:\s*,\s*{NUMBER}){{5}})\s*\]")
@@ -406,6 +404,7 @@ class URScript(Language):
 
     title = "URScript of Universal Robots"
     endings = (".script", ".urp")
+    comment = b"# "
 
     def recognises(self, data: bytes) -> bool:
         """See `Language`."""
@@ -442,11 +441,6 @@ class URScript(Language):
         if JOINTS[0] in target.numbers:
             new |= zip(JOINTS, joints.tolist(), strict=True)
         return new
-
-    def mark(self, program: Program, words: str) -> Edit:
-        """See `Language`."""
-        at = text_start(program.data)
-        return Edit(at, at, f"# {words}".encode("latin-1") + line_end_of(program.data))
 
     def zone(self, spacing_mm: float) -> bytes:
         """See `Language`."""

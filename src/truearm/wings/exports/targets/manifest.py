@@ -253,6 +253,11 @@ class Manifest(_Strict):
         text = json.dumps(self.model_dump(mode="json"), separators=(",", ":"))
         return f"{MARKER}: " + text.replace("--", "-\\u002d").replace("*/", "*\\/")
 
+    def of_joints(self, names: tuple[str, ...]) -> Self:
+        """The manifest with other names of the joints, such as those of the robot's own file."""
+        origin = self.provenance.model_copy(update={"joint_names": names})
+        return self.model_copy(update={"provenance": origin})
+
     @property
     def joints(self) -> FloatArray:
         """(5, n_joints) joints of the check poses [rad, or mm]."""
