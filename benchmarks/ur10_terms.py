@@ -20,7 +20,7 @@ from truearm.identification.terms import GravityTorque
 from truearm.models import PhysicalModel
 from truearm.readings import Session
 from truearm.wings.importing import datasets
-from truearm.wings.reports.joint_error_figure import joint_error_figure
+from truearm.wings.reports.identification_sections import joint_error_figure
 from truearm.wings.reports.term_effects import JointError, effects, joint_error
 
 ROWS = Rows()

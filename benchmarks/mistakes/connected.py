@@ -18,7 +18,7 @@ from truearm.typing import FloatArray
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import Sample, Source
 from truearm.wings.bench.sources.datagrams import decode_egm, decode_rsi
-from truearm.wings.bench.sources.decoded_messages import Repeats
+from truearm.wings.bench.sources.sample import Repeats
 
 _NUMBERS = itertools.count(1)
 

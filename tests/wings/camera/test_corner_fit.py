@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from truearm.wings.camera.corner_fit import _model, fit_corners
+from truearm.wings.camera.detection import _model, fit_corners
 
 X = np.array([[20.3, 18.6, 0.4, 2.1, 110.0, 70.0, np.log(0.9)], [31.2, 30.9, -0.3, 1.2, 90.0, -60.0, np.log(1.6)]])
 

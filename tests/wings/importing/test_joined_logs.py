@@ -6,9 +6,16 @@ import pytest
 import truearm as ta
 from refusals import refuses
 from truearm.errors import InputError
-from truearm.wings.importing.foreign.clock_offset import _line, _offset_of_move, clock_offset
+from truearm.wings.importing.foreign.clock_offset import (
+    Log,
+    _line,
+    _offset_of_move,
+    clock_offset,
+    common_times,
+    robust_mean,
+    standstills,
+)
 from truearm.wings.importing.foreign.joined_logs import join_tables
-from truearm.wings.importing.foreign.standstills import Log, common_times, robust_mean, standstills
 from truearm.wings.importing.tables.table import Table
 
 ARM = ta.load_arm("ur5")

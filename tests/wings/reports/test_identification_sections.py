@@ -11,13 +11,13 @@ from truearm.pages.html import render
 from truearm.pages.page import Page
 from truearm.pages.plotting import svg_element
 from truearm.wings.reports.identification_sections import (
+    joint_error_figure,
     joint_errors_section,
     outlier_section,
     terms_section,
     uncertainty_section,
     unidentifiable_section,
 )
-from truearm.wings.reports.joint_error_figure import joint_error_figure
 from truearm.wings.reports.seat_page import SeatComparison, seats_page
 from truearm.wings.reports.term_effects import Effect, JointError
 

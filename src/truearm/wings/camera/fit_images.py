@@ -30,7 +30,6 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_session
 from truearm.verbs.record import TextTable, format_fixed, number_of
-from truearm.wings.camera.camera_and_board import CameraAndBoard
 from truearm.wings.camera.cell_images import NAMING, BoardLike, CameraLike, CellImages, PixelsLike
 from truearm.wings.camera.cell_poses import CellPoses
 from truearm.wings.camera.closed_form import closed_form, refined
@@ -47,7 +46,7 @@ from truearm.wings.camera.images import (
 )
 from truearm.wings.camera.interpretation import OF_IMAGES, Interpretation, interpret
 from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera
-from truearm.wings.camera.mounts import Transform, where_it_is_carried, where_it_stands
+from truearm.wings.camera.mounts import CameraAndBoard, Transform, where_it_is_carried, where_it_stands
 from truearm.wings.camera.pose_files import Poses
 
 # Intrinsics that are kept are contradicted, or doubted, from so many standard uncertainties and this share of the focal

@@ -25,10 +25,9 @@ from truearm.typing import FloatArray
 from truearm.verbs.fit import fit
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import format_fixed, number_of
-from truearm.wings.camera.camera_and_board import HandEyeByImages
 from truearm.wings.camera.closed_form import HandEyeAlone, refined
 from truearm.wings.camera.interpretation import Interpretation, interpret
-from truearm.wings.camera.mounts import Transform, of_alone, of_model
+from truearm.wings.camera.mounts import HandEyeByImages, Transform, of_alone, of_model
 from truearm.wings.camera.pose_files import Poses, Samples, Unit, read_samples
 from truearm.wings.camera.rotation_forms import checked_form
 

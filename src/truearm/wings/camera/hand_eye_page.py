@@ -24,8 +24,8 @@ from truearm.pages.palette import FAINT, INK, LIMIT, NAVY, ORANGE
 from truearm.pages.plotting import Figure, figure_style, make_panel
 from truearm.pages.scene import PointCloud, PointColumn, Scene
 from truearm.typing import FloatArray, IntArray
-from truearm.wings.camera.camera_and_board import HandEyeByImages
-from truearm.wings.camera.turn_test import AGREES
+from truearm.wings.camera.interpretation import AGREES
+from truearm.wings.camera.mounts import HandEyeByImages
 
 # Boards or cameras that are outlined, and images of the picture of the turns: more hide each other.
 MOST_OUTLINED, MOST_TURNS = 60, 200

@@ -23,14 +23,17 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 from truearm.verbs.inputs import SessionLike, to_session, unfilled_rows
 from truearm.verbs.record import TableRecord, TextTable, format_fixed, number_of
-from truearm.wings.planning.circles.axes import Axes, EstimatedAxes, estimate_axes, uncertain_directions
-from truearm.wings.planning.circles.joint_circles import (
+from truearm.wings.planning.circles import (
     LEAST_POINTS,
     LEAST_RADIUS_MM,
     MAX_DIRECTION_STD,
+    Axes,
+    EstimatedAxes,
     JointCircle,
+    estimate_axes,
     joint_circles,
     radius_needed,
+    uncertain_directions,
 )
 from truearm.wings.planning.designs.template import write_aims
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from refusals import refuses
 from truearm.wings.bench.sources import Sample, datagrams, decoded_messages, open_source
-from truearm.wings.bench.sources.decoded_messages import Repeats
+from truearm.wings.bench.sources.sample import Repeats
 
 ANGLES = [10.0, -20.5, 30.25, 0.0, 45.0, -170.125]
 

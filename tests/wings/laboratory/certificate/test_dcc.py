@@ -36,7 +36,7 @@ from truearm.wings.laboratory.standards.decision import (
     outside_rated_conditions,
     worst_result,
 )
-from truearm.wings.laboratory.standards.rated_conditions import RatedRange
+from truearm.wings.laboratory.standards.specification import RatedRange
 from truearm.wings.laboratory.standards.verification_plan import VerificationPlan
 
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}

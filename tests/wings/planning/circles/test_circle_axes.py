@@ -10,8 +10,7 @@ from truearm.arm import Arm, load_arm, read_arm, write_arm
 from truearm.arm.chain import Chain
 from truearm.arm.nearest_table import nearest_table
 from truearm.wings.planning.arm_from_circles import constants_of
-from truearm.wings.planning.circles.axes import Axes
-from truearm.wings.planning.circles.joint_circles import direction_std, joint_circles
+from truearm.wings.planning.circles import Axes, direction_std, joint_circles
 
 circles = pytest.importorskip("benchmarks.circles", reason="benchmarks are not beside the tests")
 planted, standardized, swept = circles.planted, circles.standardized, circles.swept

@@ -19,9 +19,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from truearm.wings.bench.sources.connections import Connection, connected, datagram_connector
-from truearm.wings.bench.sources.decoded_messages import REPEATED, SILENT_S, Repeats, samples_in
 from truearm.wings.bench.sources.joint_scale import MOST_JOINTS
-from truearm.wings.bench.sources.sample import Notice, Sample, Source, Stream
+from truearm.wings.bench.sources.sample import REPEATED, SILENT_S, Notice, Repeats, Sample, Source, Stream, samples_in
 
 FEEDBACK, JOINTS_OF_FEEDBACK, JOINTS = 2, 1, 1  # numbers of the fields on the way to the angles
 STAMPS = ((1, 1), (1, 2), (FEEDBACK, 4))  # and to the number of the datagram, its time, and that of the angles

@@ -15,9 +15,8 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
 from truearm.readings.readings import LOAD
 from truearm.wings.bench.sources.connections import Connection, connected, connector
-from truearm.wings.bench.sources.decoded_messages import SILENT_S, samples_in
 from truearm.wings.bench.sources.joint_scale import MOST_JOINTS, JointScale
-from truearm.wings.bench.sources.sample import Sample, Source, Stream
+from truearm.wings.bench.sources.sample import SILENT_S, Sample, Source, Stream, samples_in
 
 
 def text_lines(file: Path, connection: str = "") -> Source:

@@ -17,10 +17,9 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
 from truearm.typing import FloatArray
 from truearm.wings.bench.sources.connections import CONNECT_S, connected, extra_package
-from truearm.wings.bench.sources.decoded_messages import SILENT_S, samples_in
 from truearm.wings.bench.sources.joint_scale import MOST_JOINTS, JointScale
 from truearm.wings.bench.sources.line_pattern import LARGEST, LARGEST_S
-from truearm.wings.bench.sources.sample import Sample, Source, Stream
+from truearm.wings.bench.sources.sample import SILENT_S, Sample, Source, Stream, samples_in
 
 PORT, TLS_PORT = 1883, 8883
 MOST_BYTES = 65536  # of a message

@@ -18,10 +18,9 @@ from pydantic import Field
 from truearm.errors import InputError
 from truearm.files.toml_documents import read_document
 from truearm.wings.bench.sources.connections import connected, extra_package
-from truearm.wings.bench.sources.decoded_messages import REPEATED, SILENT_S, Repeats, samples_in
 from truearm.wings.bench.sources.joint_scale import MOST_JOINTS, Each, JointScale, Unit
 from truearm.wings.bench.sources.line_pattern import LARGEST
-from truearm.wings.bench.sources.sample import Notice, Sample, Source, Stream
+from truearm.wings.bench.sources.sample import REPEATED, SILENT_S, Notice, Repeats, Sample, Source, Stream, samples_in
 
 MOST_WAITING = 64  # messages
 MM_PER_M = 1000.0

@@ -10,7 +10,15 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.number_format import format_number
 from truearm.typing import FloatArray, IntArray, NameArray
-from truearm.wings.importing.foreign.clock_offset import ClockOffset, clock_offset, offset_of_points
+from truearm.wings.importing.foreign.clock_offset import (
+    ClockOffset,
+    Log,
+    clock_offset,
+    common_times,
+    offset_of_points,
+    robust_mean,
+    standstills,
+)
 from truearm.wings.importing.foreign.joined_tables import (
     JoinedTable,
     beside,
@@ -21,7 +29,6 @@ from truearm.wings.importing.foreign.joined_tables import (
     rows_said,
 )
 from truearm.wings.importing.foreign.no_readings import lost_targets
-from truearm.wings.importing.foreign.standstills import Log, common_times, robust_mean, standstills
 from truearm.wings.importing.foreign.time_columns import Times, time_columns, time_of
 from truearm.wings.importing.tables.table import Table, listed
 

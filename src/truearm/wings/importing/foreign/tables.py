@@ -651,14 +651,14 @@ def _name_frozen(table: Table, points: FloatArray, lost: BoolArray, remarks: lis
         remarks.append(f"{_called(table, ~same)}: the same point as in the row above, to the last digit.")
 
 
-def _name_unread(table: Table, columns: TableColumns, session: Session, remarks: list[str], most: int = 8) -> None:
+def _name_unread(table: Table, columns: TableColumns, session: Session, remarks: list[str]) -> None:
     """Name the columns of numbers that were not read, and a session without any reference."""
     known = {table.index(column) for column in columns.all()}
     unread = [table.names[i] for i in measured_columns(table) if i not in known]
     if not has_reference(session).any():
         remarks.append("No reference is read: no points, seats or distances. A fit needs some: --point X,Y,Z")
     if unread:
-        remarks.append(f"Not read: {listed(unread, most)}.")
+        remarks.append(f"Not read: {listed(unread, most=8)}.")
 
 
 def _other_fields(table: Table, columns: TableColumns, unit: str) -> dict[str, Any]:

@@ -41,11 +41,11 @@ def read_arrow_table(path: Path, _: TableForm | None = None) -> Table:
         raise
     except Exception as error:  # it can be damaged in many ways
         raise unreadable(path, "a Parquet or Arrow file", error, "save it again") from None
-    return _table(frame, path)
+    return table_of_frame(frame, path)
 
 
-def table_of_frame(frame: pd.DataFrame) -> Table:
-    """Make a table of a data frame; its rows are counted from 1 in their order, whatever its index.
+def table_of_frame(frame: pd.DataFrame, file: Path | None = None) -> Table:
+    """Make a table of a data frame, of a file or not; its rows are counted from 1 in their order, whatever its index.
 
     Names of several levels are joined by blanks. Missing values are NaN in columns of numbers, and empty in text.
 
@@ -62,10 +62,6 @@ def table_of_frame(frame: pd.DataFrame) -> Table:
     >>> table.names
     ('J1', 'point[0]', 'point[1]')
     """
-    return _table(frame, None)
-
-
-def _table(frame: pd.DataFrame, file: Path | None) -> Table:
     import pandas as pd
 
     columns = []

@@ -22,13 +22,14 @@ from truearm.wings.laboratory.standards.decision import (
 )
 from truearm.wings.laboratory.standards.evaluation import Evaluation
 from truearm.wings.laboratory.standards.measured_points import MeasuredPoints, PointGroup
-from truearm.wings.laboratory.standards.rated_conditions import (
+from truearm.wings.laboratory.standards.specification import (
+    SYMBOLS,
     ConditionResult,
     RatedRange,
+    Specification,
     compare_conditions,
     describe_disagreement,
 )
-from truearm.wings.laboratory.standards.specification import SYMBOLS, Specification
 from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD, VerificationPlan
 
 # Chosen here: an arm that is tested over a longer time may have been used, moved or adjusted between [d].

@@ -33,7 +33,7 @@ from truearm.wings.laboratory.certificate.dcc import checked_dcc, dcc
 from truearm.wings.laboratory.certificate.dcc_reader import parse_dcc_file, read_dcc_file
 from truearm.wings.laboratory.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.wings.laboratory.signatures.xml_signatures import Signature
-from truearm.wings.laboratory.standards.rated_conditions import describe_disagreement
+from truearm.wings.laboratory.standards.specification import describe_disagreement
 from truearm.wings.laboratory.verbs.verify import VerificationResult, digests_of
 
 if TYPE_CHECKING:
