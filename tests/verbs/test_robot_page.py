@@ -12,7 +12,7 @@ import pytest
 
 import truearm as ta
 from page_transcripts import BLOCK, DOCS, blocks, check_printed, commands
-from truearm.wings.exports.targets.target_files import read_targets
+from truearm.wings.exports.targets.targets import read_targets
 
 PAGE = (DOCS / "start" / "robot.md").read_text(encoding="utf-8")
 

@@ -7,8 +7,7 @@ import pytest
 
 from browser import printed
 from truearm.pages.html import render
-from truearm.wings.laboratory.pages.operator_sheet import operator_sheet_page
-from truearm.wings.laboratory.pages.operator_sheet_figures import OperatorSheet, describe_direction
+from truearm.wings.laboratory.pages.operator_sheet import OperatorSheet, describe_direction, operator_sheet_page
 from truearm.wings.laboratory.standards.artefacts import Artefacts, example_artefacts
 from truearm.wings.laboratory.standards.layout import lay_out_tests
 from truearm.wings.laboratory.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan

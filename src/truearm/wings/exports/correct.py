@@ -38,8 +38,7 @@ from truearm.wings.exports.targets.program_literals import (
     fanuc_joints,
     program_text,
 )
-from truearm.wings.exports.targets.target_files import read_targets, targets_from_frame
-from truearm.wings.exports.targets.targets import Targets
+from truearm.wings.exports.targets.targets import Targets, read_targets, targets_from_frame
 
 if TYPE_CHECKING:
     import pandas as pd

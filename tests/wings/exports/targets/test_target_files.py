@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from refusals import refuses
-from truearm.wings.exports.targets.target_files import read_targets, targets_from_frame
+from truearm.wings.exports.targets.targets import read_targets, targets_from_frame
 
 # Degrees to radians and back: some roundings of numbers up to pi.
 ROUNDING = 1e-12

@@ -169,28 +169,19 @@ class Fitness:
 
     Attributes
     ----------
-    answer : FitnessDecision
     tolerance_mm : float
         Width T of the tolerance zone: 0.1 for +-0.05 mm; the permitted deviation if the zone is one-sided, as of form.
+    answer : FitnessDecision
     ratio : float
         T / 2U, or T / U of a one-sided zone.
     acceptance_zone_mm : float
         Width of the zone in which a measured value proves conformity: T - 2U, or T - U if one-sided; zero or more.
     """
 
-    answer: FitnessDecision
     tolerance_mm: float
+    answer: FitnessDecision
     ratio: float
     acceptance_zone_mm: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the decision as plain data; an infinite ratio is None."""
-        return {
-            "tolerance_mm": self.tolerance_mm,
-            "answer": self.answer.value,
-            "ratio": self.ratio if np.isfinite(self.ratio) else None,
-            "acceptance_zone_mm": self.acceptance_zone_mm,
-        }
 
 
 def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
@@ -223,7 +214,7 @@ def fitness(estimate: Estimate, tolerance_mm: float) -> Fitness:
     answer = (
         FitnessDecision.YES if ratio >= GOOD_RATIO else FitnessDecision.NO if ratio <= 1 else FitnessDecision.GUARDED
     )
-    return Fitness(answer, tolerance_mm, float(ratio), max(tolerance_mm - used, 0.0))
+    return Fitness(tolerance_mm, answer, float(ratio), max(tolerance_mm - used, 0.0))
 
 
 def describe_fitness(estimate: Estimate, fit: Fitness) -> str:

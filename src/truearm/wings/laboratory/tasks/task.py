@@ -100,7 +100,7 @@ class TaskAssessment:
             "level": COVERAGE_PROBABILITY,
             "quantities": [one.to_dict() for one in result.estimates],
             "expanded_at_limit_mm": None if result.at_limit is None else result.at_limit.expanded_mm,
-            "tolerance": None if self.fitness is None else self.fitness.to_dict(),
+            "tolerance": self.fitness,
             "remarks": list(self.remarks),
         }
 

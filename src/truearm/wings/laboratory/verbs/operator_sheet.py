@@ -30,7 +30,7 @@ from truearm.wings.laboratory.verbs.verify import (
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page
-    from truearm.wings.laboratory.pages.operator_sheet_figures import OperatorSheet
+    from truearm.wings.laboratory.pages.operator_sheet import OperatorSheet
 
 # Of the example specification [mm].
 RANGE_MM = 2500.0
@@ -139,7 +139,7 @@ def operator_sheet(
     operator's sheet, 97 points of Articulated arm with contact probe (plan not confirmed against ASME B89.4.22-2004)
     measuring range and artefacts: examples; give your own specification and artefacts
     """
-    from truearm.wings.laboratory.pages.operator_sheet_figures import OperatorSheet
+    from truearm.wings.laboratory.pages.operator_sheet import OperatorSheet
 
     examples = [what for what, given in (("measuring range", specification), ("artefacts", artefacts)) if given is None]
     arm = example_specification(RANGE_MM) if specification is None else to_specification(specification)
