@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refusals import refuses
-from truearm.wings.bench.sources import Sample, datagrams, decoded_messages, open_source
+from truearm.wings.bench.sources import Sample, datagrams, open_source
 from truearm.wings.bench.sources.sample import Repeats
 
 ANGLES = [10.0, -20.5, 30.25, 0.0, 45.0, -170.125]
@@ -105,7 +105,7 @@ def test_the_joints_that_the_robot_reads(kind, datagram):
     ],
 )
 def test_a_controller_that_is_frozen_is_said_and_gives_no_samples(kind, frozen, monkeypatch):
-    monkeypatch.setattr(decoded_messages, "SILENT_S", 0.05)
+    monkeypatch.setattr("truearm.wings.bench.sources.sample.SILENT_S", 0.05)
     port = free_port()
     with robot(port, frozen):
         heard = list(islice(open_source(f"{kind}:{port}").samples(), 9))

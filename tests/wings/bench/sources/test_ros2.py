@@ -10,7 +10,7 @@ import pytest
 from devices import samples_of
 
 from refusals import refuses
-from truearm.wings.bench.sources import Sample, decoded_messages, open_source
+from truearm.wings.bench.sources import Sample, open_source
 from truearm.wings.bench.sources.ros2 import joint_state
 
 DOMAIN = 100 + os.getpid() % 100  # of each run of the tests one of its own
@@ -90,7 +90,7 @@ def test_messages_of_others_are_said_and_are_no_sample(tmp_path):
 
 
 def test_a_node_whose_clock_stands_still_is_said_and_gives_no_samples(tmp_path, monkeypatch):
-    monkeypatch.setattr(decoded_messages, "SILENT_S", 0.05)
+    monkeypatch.setattr("truearm.wings.bench.sources.sample.SILENT_S", 0.05)
     with node((["pan", "lift", "elbow"], [0.1, 0.2, 0.3]), is_frozen=True):
         heard = list(islice(source(tmp_path).samples(), 5))
     assert [isinstance(one, Sample) for one in heard].count(True) == 1
