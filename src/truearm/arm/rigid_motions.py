@@ -100,7 +100,7 @@ def rotations_and_jacobians(r: FloatArray) -> tuple[FloatArray, FloatArray]:
         ``Rot(r + dr) = Rot(J dr) Rot(r)`` to first order in dr; see `exponential_derivative`.
     """
     square, angle, sinc, b = _angle_functions(r)
-    c = (angle - np.sin(angle)) / angle**3  # what it loses to cancellation is rounding once it is times r r^T
+    c = (1 - sinc) / (angle * angle)  # what it loses to cancellation is rounding once it is times r r^T
     return _combined(r, 1 - b * square, sinc, b), _combined(r, 1 - c * square, b, c)
 
 

@@ -139,9 +139,13 @@ class PerturbedChain:
             if len(rows):
                 return np.concatenate([evaluate(state) for evaluate in evaluators])[rows]
         out = np.empty((self._of_place[-1].stop, len(state)))
-        for basis, uses in self._evaluated:
-            found = basis.values(state)
-            for into, places in uses:
+        for basis, ((first, places), *others) in self._evaluated:
+            if isinstance(basis, Harmonics) and first.stop - first.start == basis.n_functions:  # all, in this order
+                found = basis.values(state, out[first])
+            else:
+                found = basis.values(state)
+                out[first] = found[places]
+            for into, places in others:
                 out[into] = found[places]
         return out
 
@@ -438,7 +442,8 @@ class PerturbedChain:
                 places = np.searchsorted(table.orders, basis.orders).tolist()
                 functions = [slice(2 * one, 2 * one + 2) for one in places]
             found.setdefault(table, []).append((rows, _joined(functions)))
-        return list(found.items())
+        # The most functions first.
+        return [(basis, sorted(uses, key=lambda use: use[0].start - use[0].stop)) for basis, uses in found.items()]
 
     @cached_property
     def _of_place(self) -> list[slice]:

@@ -21,8 +21,9 @@ with a Sigma by the same readings.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -34,6 +35,7 @@ from truearm.identification.terms.basis import AXES, Basis
 from truearm.identification.terms.kernel import InducedProcess, embedded, inducing_points
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
+from truearm.solve.linear_algebra import covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 
@@ -148,7 +150,7 @@ def _equations(
     """
     chain, x = fit.perturbed_chain, fit.coefficients
     p, stops, axes = len(x), np.cumsum([basis.n_functions for basis in bases]), chain.chain.fixed[0, :3, :3].T
-    gradient, right, across = x / fit.prior_std**2, np.zeros((3, stops[-1])), np.zeros((3 * p, stops[-1]))
+    gradient, right, across = x / fit.prior_std**2, np.zeros((3, stops[-1])), np.zeros((p, 3, stops[-1]))
     information = [np.zeros((3, basis.n_functions, 3, basis.n_functions)) for basis in bases]
     for rows, _, along_sites, of_chain in chain.site_derivatives(state, x):
         values = np.concatenate([basis.values(state.rows(rows)) for basis in bases])
@@ -163,8 +165,10 @@ def _equations(
         # Products need no more digits than this, and take half the time with them.
         functions = values.astype(np.float32)
         by_axis = np.matmul(axes, along_sites * squared).astype(np.float32)  # before the functions: fewer
-        columns = chain.by_coefficient(by_axis, of_chain.astype(np.float32))
-        across += columns.reshape(3 * p, -1) @ functions.T
+        for site, along, own in zip(chain.sites, by_axis, chain.by_site(of_chain.astype(np.float32)), strict=True):
+            columns = own[:, None] * along  # of one site they stay in the cache
+            products = columns.reshape(-1, columns.shape[2]) @ functions.T
+            across[site.columns] += products.reshape(-1, 3, products.shape[1])
         for axis, other in combinations_with_replacement(range(3), 2):
             of_both = ((axes[axis] * axes[other]) @ squared).astype(np.float32)
             for own, value in zip(information, np.split(functions, stops[:-1]), strict=True):
@@ -177,17 +181,17 @@ def _equations(
     # With the covariance by all readings A would not be that of a least squares fit, and could be negative. References
     # of other kinds are left out: the other terms take over rather more.
     sample = slice(n_sample)
-    covariance = (
-        fit.covariance if times == 1 else np.linalg.inv(_precision(fit, state.rows(sample), weights[:, sample], times))
-    )
-    found = []
+    times_root: Callable[[FloatArray], FloatArray] = fit.covariance_root.times_matrix
+    if times != 1:
+        precision = _precision(fit, state.rows(sample), weights[:, sample], times)
+        times_root = partial(np.matmul, covariance_factor(np.asarray(np.linalg.inv(precision), dtype=float)))
+    along, found = times_root(gradient[:, None])[:, 0], []
     for own, pull, by in zip(
-        information, np.split(right, stops[:-1], axis=1), np.split(across, stops[:-1], axis=1), strict=True
+        information, np.split(right, stops[:-1], axis=1), np.split(across, stops[:-1], axis=2), strict=True
     ):
-        coupling = by.reshape(p, -1)
-        taken_over = times * (covariance @ coupling)
-        reduced = times * (own.reshape(coupling.shape[1], -1) - coupling.T @ taken_over)
-        found.append((reduced, pull.ravel() + taken_over.T @ gradient))
+        taken_over = times_root(by.reshape(p, -1))
+        reduced = times * (own.reshape(taken_over.shape[1], -1) - times * taken_over.T @ taken_over)
+        found.append((reduced, pull.ravel() + times * along @ taken_over))
     return found
 
 

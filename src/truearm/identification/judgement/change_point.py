@@ -37,6 +37,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import chdtrc, chdtri, gammaln, logsumexp  # `scipy.stats` takes longer to import than a small fit
 
 from truearm.arm.rigid_motions import cross_matrix
+from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.solve.linear_algebra import inverse_root
 from truearm.typing import FloatArray, IntArray
 
@@ -244,6 +245,11 @@ class _Readings:
         return self.weighed(self.together)
 
     @cached_property
+    def of_constant(self) -> tuple[FloatArray, FloatArray]:
+        """(p, p) products of all motions with themselves, weighed, and (p,) their sizes."""
+        return _products(self.together, self.weighed_together), _products(self.together**2, self.weights)
+
+    @cached_property
     def products(self) -> FloatArray:
         """(p, p, n) products of all motions up to each reading with all motions, weighed."""
         return _up_to_each(self.together, self.weighed_together)
@@ -276,8 +282,11 @@ class _Readings:
             return None
         smooth[: len(powers)], distances = powers, smooth[len(powers) :]
         cdist(z[np.linspace(0, len(z) - 1, len(distances), dtype=int)], z, out=distances)
-        weighed = smooth * np.sqrt(self.weights.mean(axis=1))
-        return smooth, inverse_root(weighed @ weighed.T, LEAST_EIGENVALUE)
+        gram, roots = np.zeros((len(smooth),) * 2), np.sqrt(self.weights.mean(axis=1))
+        for rows in chunks(len(z)):
+            weighed = smooth[:, rows] * roots[rows]
+            gram += weighed @ weighed.T
+        return smooth, inverse_root(gram, LEAST_EIGENVALUE)
 
     def less_smooth(self, residuals: FloatArray) -> FloatArray:
         """Residuals less what is smooth in the joints."""
@@ -493,12 +502,14 @@ def _identified(at: _Readings, courses: Sequence[_Course]) -> _Identified:
     if (found := at.identified.get(tuple(courses))) is not None:
         return found
     columns, weighed, n = [at.together], [at.weighed_together], len(at.rows)
+    # What is constant has no differences: by its own size it stays zero.
+    gram, size = at.of_constant
     if courses:
         columns.append(np.concatenate([one.over(n)[:, None, None] * at.motions[one.what] for one in courses], axis=2))
         weighed.append(at.weighed(columns[1]))
-    gram = np.block([[_products(one, other) for other in weighed] for one in columns])
-    # What is constant has no differences: by its own size it stays zero.
-    size = np.concatenate([np.einsum("ni,nip->p", at.weights, one**2) for one in columns])
+        across, own = (_products(one, weighed[1]) for one in columns)
+        gram = np.block([[gram, across], [across.T, own]])
+        size = np.concatenate([size, _products(columns[1] ** 2, at.weights)])
     root = inverse_root(gram, LEAST_EIGENVALUE, size)
     coefficients = root @ (root.T @ np.concatenate([_products(one, at.residuals) for one in weighed]))
     parts = np.split(coefficients, [at.together.shape[2]])

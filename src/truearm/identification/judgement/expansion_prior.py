@@ -207,11 +207,12 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     # The others, growth, and constants that take the lengths to 20 degC.
     n, mean, covariance = len(others), new.mean, wide.covariance
     mean[:n] += fit.coefficients[others] - gain @ fit.coefficients[grows]
-    covariance[:n, :n] += fit.covariance.take(others, 0).take(others, 1)
     add_product(covariance[:n, :n], -gain @ of_growth, gain)
     covariance[p:, p:] += u_K**2 * (covariance[n:p, n:p] + np.outer(mean[n:p], mean[n:p]))
     order = np.argsort(np.concatenate([others, grows, p + np.arange(len(grows))]))
-    x, covariance = mean[order], covariance.take(order, 0).take(order, 1)
+    x, covariance, known = mean[order], covariance.take(order, 0).take(order, 1), fit.covariance.copy()
+    known[grows] = known[:, grows] = 0.0
+    covariance[:p, :p] += known
     covariance = (covariance + covariance.T) / 2
     prior_std = fit.prior_std.copy()
     prior_std[grows] = np.sqrt(UNKNOWN_MATERIAL.covariance(len(grows)).diagonal())

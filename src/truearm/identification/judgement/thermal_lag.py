@@ -145,8 +145,9 @@ def link_histories(
     m, drifts = len(grows) * temperatures.shape[1], N_DRIFTS * courses.shape[1]
     # By others alone: their covariance where growth is known.
     gain = np.linalg.solve(covariance[np.ix_(grows, grows)], covariance[np.ix_(grows, others)])
-    of_others = covariance[np.ix_(others, others)] - gain.T @ covariance[np.ix_(grows, others)]
-    taken = of_others @ across[others]
+    across[grows] = 0.0
+    with_growth = covariance @ across
+    taken = with_growth[others] - gain.T @ with_growth[grows]
     as_others = taken[:, m + drifts :] if follows else np.zeros((len(others), N_DRIFTS))
     # Of growth, of drift. At the minimum the gradient by the others is that of their prior.
     rest = (among - across[others].T @ taken)[: m + drifts, : m + drifts]

@@ -296,8 +296,8 @@ class Harmonics(Basis):
         turns = [k * Expression.angle(self.joint) for k in self.orders]
         return tuple(function for turn in turns for function in (turn.cos(), turn.sin()))
 
-    def values(self, state: ArmState) -> FloatArray:
-        """(2 n_orders, n) cosines and sines.
+    def values(self, state: ArmState, out: FloatArray | None = None) -> FloatArray:
+        """(2 n_orders, n) cosines and sines, in memory that may be given.
 
         Consecutive orders are computed by the addition theorems, from one to two, from two to four and so on: products
         instead of cosines and sines; rounding grows with the number of doublings only.
@@ -313,7 +313,7 @@ class Harmonics(Basis):
                 known, new = turns[first : min(first + done, stop - done)], turns[first + done : stop]
                 np.multiply(known, turn, out=new[: len(known)])
                 done *= 2
-        out = np.empty((2 * len(self.orders), len(angle)))
+        out = np.empty((2 * len(self.orders), len(angle))) if out is None else out
         out[::2], out[1::2] = turns.real, turns.imag
         return out
 
