@@ -28,6 +28,11 @@ MIN_PIVOT = 1e-12
 # An array of doubles of either library; static types know NumPy's only.
 Array = Any
 
+# The allocator of glibc gives memory that is freed back to the system at once, unless a block of that size was freed
+# before (mallopt(3), M_MMAP_THRESHOLD; the largest that counts has 32 MiB): pages taken anew are a twentieth of a
+# physical fit. Of this block nothing is written.
+np.empty(31 * 2**20, dtype=np.uint8)
+
 
 def unit_diagonal(matrix: FloatArray, size: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Scale rows and columns of a symmetric matrix so that radians and millimetres compare.
