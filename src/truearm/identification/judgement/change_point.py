@@ -581,8 +581,10 @@ def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps
         own = {what: of_both[of, of] for what, of in at.columns.items()}
         with_constant, with_rest = (_products(ramp, one)[:, :, None] for one in (at.weighed_together, rest))
     taken = np.empty((p, beside.root.shape[1], with_rest.shape[2]))
-    for one, *products in zip(taken, with_constant, with_rest[:, :-1], strict=True):  # each in the cache
-        np.matmul(beside.root.T, np.concatenate(products), out=one)
+    constant, changing = np.split(beside.root.T, [p], axis=1)
+    for one, all_constant, changes in zip(taken, with_constant, with_rest[:, :-1], strict=True):  # each in the cache
+        np.matmul(constant, all_constant, out=one)
+        one += changing @ changes
     found = {}
     for what, of in at.columns.items():
         gram = own[what] - np.einsum("pin,qin->pqn", taken[of], taken[of])
