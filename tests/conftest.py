@@ -85,6 +85,16 @@ def chromium():
         yield opened
 
 
+@pytest.fixture(scope="session")
+def two_processes():
+    """Two processes for all tests of a worker that compute in some: to start them takes longer than what they do."""
+    from truearm.solve.executors import Processes
+
+    started = Processes(2)
+    yield started
+    started.close()
+
+
 @pytest.fixture(scope="module")
 def undrawn():
     """Pages without the drawings in their figures, half their time: for tests that read the text around them."""

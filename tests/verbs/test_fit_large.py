@@ -19,7 +19,6 @@ from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import large_sessions as module
 from truearm.readings.columns import session_columns
 from truearm.readings.files import table_writer
-from truearm.solve.executors import Processes
 from truearm.verbs import fit_sums
 from truearm.verbs.fit_sums import Spread
 
@@ -245,8 +244,8 @@ def test_it_says_what_the_readings_are_worth_and_which_were_excluded(found):
     assert "10 readings have no reference point" in text
 
 
-def test_the_model_does_not_depend_on_who_sums(found, folder):
-    again = ta.fit("ur10", folder, model="kinematic", executor=Processes(2))
+def test_the_model_does_not_depend_on_who_sums(found, folder, two_processes):
+    again = ta.fit("ur10", folder, model="kinematic", executor=two_processes)
     assert np.array_equal(again.model.fit_.coefficients, found.model.fit_.coefficients)
     assert np.array_equal(again.model.fit_.covariance, found.model.fit_.covariance)
     one, other = again.to_dict(), found.to_dict()

@@ -11,7 +11,7 @@ from truearm.errors import InputError
 from truearm.readings import files, large_sessions, read_session
 from truearm.readings.files import is_large
 from truearm.readings.large_sessions import LargeSession
-from truearm.solve.executors import Processes, Serial
+from truearm.solve.executors import Serial
 
 N = 3000
 
@@ -69,9 +69,11 @@ def test_a_large_session_is_a_folder_or_a_file_beyond_the_limit(folder, monkeypa
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_points_are_those_of_the_whole_session_whoever_computes_them(folder, session, model, tmp_path, ending):
+def test_points_are_those_of_the_whole_session_whoever_computes_them(
+    folder, session, model, two_processes, tmp_path, ending
+):
     found = ta.predict(model, folder, tmp_path / f"a.{ending}")
-    ta.predict(model, folder, tmp_path / f"b.{ending}", executor=Processes(2) if ending == "csv" else Serial())
+    ta.predict(model, folder, tmp_path / f"b.{ending}", executor=two_processes if ending == "csv" else Serial())
     assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes()
     whole = ta.predict(model, session)
     pandas = pytest.importorskip("pandas")
@@ -88,7 +90,7 @@ def test_points_are_those_of_the_whole_session_whoever_computes_them(folder, ses
         refuses("points of a session in parts", lacking)
 
 
-def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, model):
+def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, model, two_processes):
     parts, whole = ta.evaluate(model, folder), ta.evaluate(model, session)
     for name, errors in parts.errors.items():
         for figure, value in errors.items():
@@ -96,7 +98,7 @@ def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, mod
     assert parts.coverage == whole.coverage
     assert parts.sums.stated["reproducibility"].n_covered_99 == whole.budget.n_covered_99
     assert parts.to_dict()["combined_u_mm"] == pytest.approx(whole.budget.combined_mm)
-    again = ta.evaluate(model, folder, executor=Processes(2))
+    again = ta.evaluate(model, folder, executor=two_processes)
     assert again.to_dict() == parts.to_dict()
     assert set(whole.to_dict()) <= set(parts.to_dict())
     assert parts.figure() is None

@@ -11,7 +11,6 @@ from refusals import refuses
 from truearm.errors import InputError
 from truearm.readings import large_sessions
 from truearm.readings.large_sessions import joined_sessions
-from truearm.solve.executors import Processes
 
 WHY = "the limits of the drawing are older"
 
@@ -58,8 +57,9 @@ def beyond(session, n):
     return replace(session, angles=angles)
 
 
-@pytest.mark.parametrize("executor", [None, Processes(2)])
-def test_what_was_accepted_in_a_file_is_kept(session, model, tmp_path, executor):
+@pytest.mark.parametrize("processes", [0, 2])
+def test_what_was_accepted_in_a_file_is_kept(session, model, two_processes, tmp_path, processes):
+    executor = two_processes if processes else None
     files = [beyond(session.rows(np.arange(10 * i, 10 * i + 10)), n) for i, n in enumerate((0, 8, 9, 8))]
     folder, out = saved(tmp_path / "set", *files), tmp_path / "z.csv"
     refuses("--accept", ta.predict, model, folder, out)

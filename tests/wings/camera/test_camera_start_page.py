@@ -13,6 +13,8 @@ from truearm.wings.camera.boards import parse_board
 from truearm.wings.camera.lenses import read_camera
 from truearm.wings.camera.virtual_cell import VirtualCell, working_lens
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PAGE = (DOCS / "start" / "camera.md").read_text(encoding="utf-8")
 
 

@@ -13,7 +13,7 @@ import truearm as ta
 from frame_laws import check_frame
 from refusals import refuses
 from truearm.errors import InputError
-from truearm.solve.executors import Processes, WorkerLost
+from truearm.solve.executors import WorkerLost
 from truearm.wings.fleet import fit_task
 from truearm.wings.fleet import fleet as module
 from truearm.wings.fleet.arm_list import RegisteredArm, read_arm_list
@@ -305,10 +305,10 @@ def test_a_result_that_comes_while_the_data_set_is_written_is_in_it(fleet, sessi
     assert sorted(pd.read_parquet(fleet.folder / "results").key) == sorted(fleet.registry.fits())
 
 
-def test_processes_give_the_models_of_a_serial_run(tmp_path, sessions):
+def test_processes_give_the_models_of_a_serial_run(tmp_path, sessions, two_processes):
     """To the last bit: the hash of a model is that of its file."""
     hashes = []
-    for name, executor in (("serial", None), ("processes", Processes(2))):
+    for name, executor in (("serial", None), ("processes", two_processes)):
         fleet = Fleet.create(tmp_path / name)
         fleet.add_all(arms_of(sessions, 0, 1))
         rows = fleet.run(executor).rows
