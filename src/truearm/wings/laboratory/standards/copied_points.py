@@ -123,12 +123,12 @@ def _pairs(
 def _how_copied(one: _Measurement, other: _Measurement, chance: float) -> str | None:
     """In what two measurements of as many points agree beyond chance: a phrase; None if they do not."""
     n = len(one.points)
-    if np.array_equal(one.points, other.points):
+    if (is_alike := _agree(one.shape, other.shape)) and np.array_equal(one.points, other.points):
         return "has the same coordinates as" if chance ** (3 * n) < CHANCE else None
     numbers = 3 if n == 2 else 3 * n - 6
     if not chance**numbers < CHANCE:
         return None
-    if _agree(one.shape, other.shape):
+    if is_alike:
         return "has its points to each other to 20 nm as"
     # By chance they agree in one of n! orders.
     if n > 2 and numbers * log(chance) + lgamma(n + 1) < log(CHANCE) and _agree_in_some_order(one, other):
@@ -144,12 +144,12 @@ def _mean_of_two(measured: list[_Measurement], chance: float) -> _Copy:
             place = (one.keys[0], *(value for key, value in of_group.items() if key not in ("repeat", "end")))
             runs.setdefault(place, []).append(one)
     for at in runs.values():
+        centred = {one.keys: one.points - one.points.mean(axis=0) for one in at}
         for one, first, second in permutations(at, 3):
             sizes = {len(each.points) for each in (one, first, second)}
             if first.keys > second.keys or len(sizes) > 1 or not chance ** (3 * sizes.pop() - 3) < CHANCE:
                 continue
-            own, *both = (each.points - each.points.mean(axis=0) for each in (one, first, second))
-            if _agree(own, (both[0] + both[1]) / 2):
+            if _agree(centred[one.keys], (centred[first.keys] + centred[second.keys]) / 2):
                 of = " and ".join(each.groups[0].where for each in (first, second))
                 return one.groups[0], f"{one.groups[0].where} is to 20 nm the mean of {of}"
     return None

@@ -10,6 +10,7 @@ import datetime
 import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -246,6 +247,11 @@ class _Columns:
     words: dict[str, NameArray]
     sheet: Sheet
 
+    @cached_property
+    def conditions(self) -> tuple[str, ...]:
+        """Conditions that some row of the file states."""
+        return tuple(name for name in CONDITIONS if not np.isnan(self.numbers[name]).all())
+
     def error(self, problem: str, row: int, column: str, hint: str | None = None) -> InputError:
         return InputError(problem, file=self.sheet.file, line=self.sheet.first_line + row, column=column, hint=hint)
 
@@ -334,6 +340,7 @@ def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
             hint = f"leave the cell empty: this test uses artefact, {', '.join(keys)}"
             stated = columns.words[key][rows] != ""
             columns.refuse(stated, rows, key, (f"a point of test {test!r} has no {key!r}, got ", ""), hint)
+    _check_numbers(columns, test, rows)
     members: dict[tuple[str, ...], list[int]] = {}
     for row in rows.tolist():
         identity = tuple(str(columns.words[key][row]) for key in ("artefact", *keys))
@@ -342,8 +349,8 @@ def _groups(columns: _Columns, test: str) -> Iterator[PointGroup]:
         yield _group(columns, test, identity, inside)
 
 
-def _artefact_degC(columns: _Columns, test: str, rows: list[int]) -> float:
-    """Mean temperature of the artefact of a group of points [degC]; NaN if none is stated."""
+def _check_numbers(columns: _Columns, test: str, rows: IntArray) -> None:
+    """Refuse numbers of a test that cannot be what they are called."""
     degC = columns.numbers[TEMPERATURE][rows]
     columns.refuse(
         np.isnan(degC) & (test in SIZE_TESTS),
@@ -359,6 +366,22 @@ def _artefact_degC(columns: _Columns, test: str, rows: list[int]) -> float:
         ("expected the temperature of the artefact in degC, got ", ""),
         "convert from Fahrenheit: (F - 32) / 1.8",
     )
+    no_tip, in_mm = (f"expected {TIP_SIZES}, got ", ""), "write it in mm: 6 for a ball of 6 mm"
+    columns.refuse(~is_tip_diameter(np.nan_to_num(columns.numbers[TIP][rows])), rows, TIP, no_tip, in_mm)
+    for name in POINT:
+        problem = (f"expected a coordinate within {FARTHEST_MM:g} mm, got ", " mm")
+        columns.refuse(
+            np.abs(columns.numbers[name][rows]) > FARTHEST_MM, rows, name, problem, "write coordinates in mm"
+        )
+    for name, (_, _, least, most) in CONDITIONS.items():
+        values, hint = columns.numbers[name][rows], "check the unit, which is in the name of the column"
+        problem = (f"expected {name} from {least:g} to {most:g}, got ", "")
+        columns.refuse((values < least) | (values > most), rows, name, problem, hint)
+
+
+def _artefact_degC(columns: _Columns, rows: list[int]) -> float:
+    """Mean temperature of the artefact of a group of points [degC]; NaN if none is stated."""
+    degC = columns.numbers[TEMPERATURE][rows]
     known = degC[~np.isnan(degC)]
     if len(known) and np.ptp(known) > MAX_TEMPERATURE_SPREAD_K:
         raise columns.error(
@@ -382,10 +405,8 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
             hint="measure a group on one day; correct the date if it is mistyped",
         )
     day = columns.parsed(parse_day, rows[0], "date")
-    degC = _artefact_degC(columns, test, rows)
+    degC = _artefact_degC(columns, rows)
     tip = np.nan_to_num(columns.numbers[TIP][rows])
-    no_tip, in_mm = (f"expected {TIP_SIZES}, got ", ""), "write it in mm: 6 for a ball of 6 mm"
-    columns.refuse(~is_tip_diameter(tip), rows, TIP, no_tip, in_mm)
     columns.refuse(
         tip != tip[0],
         rows,
@@ -393,15 +414,10 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
         f"expected one tip diameter for the group, got {tip.min():g} to {tip.max():g} mm",
         "write the same diameter in all rows of the group",
     )
-    points = np.column_stack([columns.numbers[name][rows] for name in POINT])
-    far = np.abs(points) > FARTHEST_MM
-    first = np.argmax(far.any(axis=1))
-    problem = (f"expected a coordinate within {FARTHEST_MM:g} mm, got ", " mm")
-    columns.refuse(far.max(axis=1), rows, POINT[int(np.argmax(far[first]))], problem, "write coordinates in mm")
     return PointGroup(
         artefact=identity[0],
         keys=dict(zip(KEY_COLUMNS[test], identity[1:], strict=True)),
-        points=points,
+        points=np.column_stack([columns.numbers[name][rows] for name in POINT]),
         degC=degC,
         tip_mm=float(tip[0]),
         date=day,
@@ -413,17 +429,5 @@ def _group(columns: _Columns, test: str, identity: tuple[str, ...], rows: list[i
 
 def _conditions(columns: _Columns, rows: list[int]) -> dict[str, tuple[float, float]]:
     """The conditions that some of the rows state."""
-    stated = {}
-    for name, (_, _, least, most) in CONDITIONS.items():
-        values = columns.numbers[name][rows]
-        problem = (f"expected {name} from {least:g} to {most:g}, got ", "")
-        columns.refuse(
-            (values < least) | (values > most),
-            rows,
-            name,
-            problem,
-            "check the unit, which is in the name of the column",
-        )
-        if not np.isnan(values).all():
-            stated[name] = (float(np.nanmin(values)), float(np.nanmax(values)))
-    return stated
+    values = ((name, columns.numbers[name][rows]) for name in columns.conditions)
+    return {name: (float(np.nanmin(one)), float(np.nanmax(one))) for name, one in values if not np.isnan(one).all()}
