@@ -81,14 +81,10 @@ from truearm.wings.laboratory.standards.specification import Specification as Sp
 from truearm.wings.laboratory.standards.specification import read_specification as read_specification
 from truearm.wings.laboratory.standards.verification_plan import VerificationPlan as VerificationPlan
 from truearm.wings.laboratory.standards.verification_plan import load_verification_plan as load_verification_plan
-from truearm.wings.laboratory.verbs.artefacts_from_certificate import (
-    ArtefactsFromCertificate as ArtefactsFromCertificate,
-)
-from truearm.wings.laboratory.verbs.artefacts_from_certificate import (
-    artefacts_from_certificate as artefacts_from_certificate,
-)
+from truearm.wings.laboratory.verbs.certificate import ArtefactsFromCertificate as ArtefactsFromCertificate
 from truearm.wings.laboratory.verbs.certificate import CertificateResult as CertificateResult
 from truearm.wings.laboratory.verbs.certificate import ReadCertificate as ReadCertificate
+from truearm.wings.laboratory.verbs.certificate import artefacts_from_certificate as artefacts_from_certificate
 from truearm.wings.laboratory.verbs.certificate import certificate as certificate
 from truearm.wings.laboratory.verbs.certificate import read_certificate as read_certificate
 from truearm.wings.laboratory.verbs.check import CheckResult as CheckResult

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from page_transcripts import DOCS, block, check_printed, commands
 from truearm.wings.camera import TransformFormat
-from truearm.wings.camera.rotation_forms import ALIASES
+from truearm.wings.camera.pose_files import ALIASES
 
 
 def write_samples(path):

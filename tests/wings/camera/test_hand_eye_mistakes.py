@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 import truearm as ta
 from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import Contradiction, InputError
-from truearm.wings.camera.rotation_forms import described
+from truearm.wings.camera.pose_files import described
 
 HALF = motion(Rotation.from_rotvec([0, 0, np.pi]).as_matrix(), np.zeros(3))
 BOTH = pytest.mark.parametrize("eye_in_hand", [False, True])

@@ -22,7 +22,7 @@ from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.importing.foreign import JointScale
 from truearm.wings.importing.tables import array_files, read_table
-from truearm.wings.importing.tables.arrow_files import table_of_frame
+from truearm.wings.importing.tables.array_files import table_of_frame
 from truearm.wings.importing.tables.named_arrays import table_of_arrays
 from truearm.wings.importing.tables.table import TableForm
 

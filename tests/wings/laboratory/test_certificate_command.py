@@ -554,7 +554,7 @@ def test_a_room_and_artefacts_of_other_temperatures_are_said(truearm, bench):
 
 def test_an_encrypted_key_without_a_terminal_is_refused_with_what_to_do(tmp_path):
     from made_up_signers import certified, curve_key, write
-    from truearm.wings.laboratory.verbs import certificate_command as command
+    from truearm.wings.laboratory.verbs import commands as command
 
     made = curve_key()
     write(tmp_path, "locked", made, certified(made), password=b"secret")

@@ -28,8 +28,7 @@ from truearm.verbs.record import format_fixed, number_of
 from truearm.wings.camera.closed_form import HandEyeAlone, refined
 from truearm.wings.camera.interpretation import Interpretation, interpret
 from truearm.wings.camera.mounts import HandEyeByImages, Transform, of_alone, of_model
-from truearm.wings.camera.pose_files import Poses, Samples, Unit, read_samples
-from truearm.wings.camera.rotation_forms import checked_form
+from truearm.wings.camera.pose_files import Poses, Samples, Unit, checked_form, read_samples
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page

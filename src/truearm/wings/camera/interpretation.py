@@ -19,8 +19,7 @@ from truearm.readings.columns import FACTOR
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verbs.record import number_of
 from truearm.wings.camera.closed_form import ClosedForm, Parallel, closed_form
-from truearm.wings.camera.pose_files import Poses
-from truearm.wings.camera.rotation_forms import described
+from truearm.wings.camera.pose_files import Poses, described
 
 # Tolerance of a pair: so many times the median of all, within these limits [deg].
 TIMES_MEDIAN, LEAST_DEG, MOST_DEG = 4.0, 1.0, 5.0

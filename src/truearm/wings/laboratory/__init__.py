@@ -15,8 +15,10 @@ NAMES = {
     "standards.measured_points": ("MeasuredPoints", "read_points"),
     "standards.specification": ("Specification", "read_specification"),
     "standards.verification_plan": ("VerificationPlan", "load_verification_plan"),
-    "verbs.artefacts_from_certificate": ("ArtefactsFromCertificate", "artefacts_from_certificate"),
-    "verbs.certificate": ("CertificateResult", "ReadCertificate", "certificate", "read_certificate"),
+    "verbs.certificate": (
+        *("ArtefactsFromCertificate", "CertificateResult", "ReadCertificate"),
+        *("artefacts_from_certificate", "certificate", "read_certificate"),
+    ),
     "verbs.check": ("CheckResult", "WithdrawalResult", "check", "withdraw_check"),
     "verbs.measure": ("MeasuredFeatures", "measure"),
     "verbs.operator_sheet": ("OperatorSheetResult", "fill_points", "operator_sheet"),
@@ -30,5 +32,5 @@ COMMANDS = {
     "task": "verbs.commands:task",
     "measure": "verbs.commands:measure",
     "check": "verbs.commands:check",
-    "certificate": "verbs.certificate_command:certificate",
+    "certificate": "verbs.commands:certificate",
 }

@@ -15,11 +15,10 @@ from truearm.wings.exports.programs.branches import (
     polished,
     quantities_of,
 )
-from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.orientations import angles_of, quaternion_of, rotation_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import Condition, Target
 from truearm.wings.exports.programs.rapid import Rapid
-from truearm.wings.exports.programs.solving import nominal_joints
+from truearm.wings.exports.programs.solving import Machine, nominal_joints
 
 ARMS = ("ur10", "irb2600-12-165", "kr16", "lrmate200id", "gp8", "tx2-60", "cr5")
 TURN = 2 * np.pi

@@ -14,8 +14,8 @@ from truearm.arm import Arm, Chain
 from truearm.errors import InputError
 from truearm.wings.exports.programs.branches import ParallelAxes, polished
 from truearm.wings.exports.programs.correct_program import correct_program
-from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.rapid import Rapid
+from truearm.wings.exports.programs.solving import Machine
 from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, with_tool
 from truearm.wings.exports.targets.targets import Targets
 

@@ -18,11 +18,11 @@ from made_up_listings import (
 )
 
 from truearm.errors import InputError
+from truearm.wings.exports.programs.controllers import MAX_DEPTH, parse_nodes
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.polyscope import PolyScope
 from truearm.wings.exports.programs.program import Surroundings
 from truearm.wings.exports.programs.urscript import URScript
-from truearm.wings.exports.programs.xml_places import MAX_DEPTH, parse_nodes
 
 LANGUAGE = PolyScope()
 Q = joints_of("ur10", 3)

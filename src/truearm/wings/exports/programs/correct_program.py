@@ -33,7 +33,6 @@ from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.fanuc_ls import FanucListing
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.krl import Krl
-from truearm.wings.exports.programs.machines import Machine
 from truearm.wings.exports.programs.number_texts import direction_of_check_digits, new_numbers, with_check_digits
 from truearm.wings.exports.programs.polyscope import PolyScope
 from truearm.wings.exports.programs.program import (
@@ -47,7 +46,7 @@ from truearm.wings.exports.programs.program import (
     with_edits,
 )
 from truearm.wings.exports.programs.rapid import Rapid
-from truearm.wings.exports.programs.solving import ROBOT, Solver, ends_of
+from truearm.wings.exports.programs.solving import ROBOT, Machine, Solver, ends_of
 from truearm.wings.exports.programs.subdivision import check_subdivision, divide
 from truearm.wings.exports.programs.urscript import URScript
 from truearm.wings.exports.programs.yaskawa_jbi import YaskawaJob

@@ -22,11 +22,13 @@ from truearm.typing import FloatArray
 from truearm.wings.exports.programs.controllers import (
     GZIP,
     NOT_STATED,
+    Node,
     Rows,
     StatedKinematics,
     calibrated_rows,
     controller_chain,
     disagreements,
+    parse_nodes,
     unpacked,
 )
 from truearm.wings.exports.programs.program import (
@@ -41,7 +43,6 @@ from truearm.wings.exports.programs.program import (
     Target,
 )
 from truearm.wings.exports.programs.urscript import JOINTS, POSE, pose_matrix, pose_numbers
-from truearm.wings.exports.programs.xml_places import Node, parse_nodes
 
 _LEVEL = 6
 _PLACES = ("position", "JointAngles", "poseInFeatureCoordinates", "outputFlangePose")

@@ -228,7 +228,7 @@ def as_table(table: str | Path | Table | pd.DataFrame, form: TableForm) -> Table
         return read_table(table, form)
     import pandas as pd
 
-    from truearm.wings.importing.tables.arrow_files import table_of_frame
+    from truearm.wings.importing.tables.array_files import table_of_frame
 
     if isinstance(table, pd.DataFrame):
         return table_of_frame(table)

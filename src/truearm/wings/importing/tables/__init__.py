@@ -16,7 +16,7 @@ _READERS: tuple[tuple[str, tuple[bytes, ...], tuple[str, ...]], ...] = (
     ("workbooks.read_workbook", (b"PK\x03\x04", b"PK\x05\x06", b"\xd0\xcf\x11\xe0"), ()),
     ("array_files.read_numpy_table", (b"\x93NUMPY",), (".npz",)),
     ("array_files.read_matlab_table", (b"MATLAB ", b"\x89HDF"), (".mat",)),
-    ("arrow_files.read_arrow_table", (b"PAR1", b"ARROW1", b"FEA1"), ()),
+    ("array_files.read_arrow_table", (b"PAR1", b"ARROW1", b"FEA1"), ()),
     ("recordings.read_recording", (b"\x89MCAP", b"SQLite format 3", b"#ROSBAG"), (".bag", ".mcap", ".db3")),
     ("labview.read_labview_table", (b"LabVIEW Measurement",), ()),
     ("json_tables.read_json_table", (b'{"', b'[{"'), (".json", ".jsonl", ".ndjson")),

@@ -1,4 +1,4 @@
-"""`certificate`: a verification as a calibration certificate, for machines (DCC) and people; `read_certificate`."""
+"""`certificate`: a verification as a certificate, for machines (DCC) and people; and what is read of certificates."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from truearm import __version__
 from truearm.acceptance import acceptance_remarks, accepts
 from truearm.errors import FaultCollector, InputError
 from truearm.files.atomic_write import atomic_file, check_new_file
@@ -18,6 +19,7 @@ from truearm.solve.threads import one_blas_thread
 from truearm.verbs.outputs import check_output
 from truearm.verbs.record import Record
 from truearm.wings.laboratory.certificate.administrative_data import AdministrativeData, read_administrative_data
+from truearm.wings.laboratory.certificate.artefact_draft import ArtefactDraft, draft_artefact
 from truearm.wings.laboratory.certificate.calibration_certificate import CalibrationCertificate, describe
 from truearm.wings.laboratory.certificate.certificate import (
     Certificate,
@@ -31,6 +33,7 @@ from truearm.wings.laboratory.certificate.certificate import (
 )
 from truearm.wings.laboratory.certificate.dcc import checked_dcc, dcc
 from truearm.wings.laboratory.certificate.dcc_reader import parse_dcc_file, read_dcc_file
+from truearm.wings.laboratory.certificate.dsi_quantities import clean
 from truearm.wings.laboratory.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.wings.laboratory.signatures.xml_signatures import Signature
 from truearm.wings.laboratory.standards.specification import describe_disagreement
@@ -411,3 +414,111 @@ def read_certificate(path: str | Path, *, trusted: str | Path | None = None) -> 
 def describe_signature(signature: Signature | None) -> str:
     """Describe in a sentence who signed a file, or that nobody did."""
     return "The file is not signed: anybody can have changed it." if signature is None else signature.describe()
+
+
+# What the file says of itself, below the certificate that it comes from.
+_HEADER = (
+    "Lengths are in mm at 20 degC. Uncertainties are standard ones (k = 1). Behind each value stands its source.",
+    "A line that begins with # was not in the certificate: fill in its value and remove the #.",
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ArtefactsFromCertificate(Record):
+    """A file of artefacts to complete, from the certificate of an artefact.
+
+    Attributes
+    ----------
+    certificate : CalibrationCertificate
+        All that the certificate states.
+    signature : Signature or None
+        Who signed it; None if it is not signed.
+    draft : ArtefactDraft
+        The text of the file, the keys that are filled in, those that are missing, and what was assumed.
+    """
+
+    certificate: CalibrationCertificate
+    signature: Signature | None
+    draft: ArtefactDraft
+
+    @property
+    def text(self) -> str:
+        """The file, TOML."""
+        return self.draft.text
+
+    def save(self, path: str | Path, *, force: bool = False) -> None:
+        """Write the file; one that exists, and that somebody may have filled in, is replaced by `force` only.
+
+        Raises
+        ------
+        InputError
+            If the file exists, its name does not end in ``.toml``, or it cannot be written.
+        """
+        check_new_file(path, force=force, endings=(".toml",))
+        with atomic_file(path) as beside:
+            beside.write_text(self.text, encoding="utf-8")
+
+    def blocks(self) -> Iterator[str]:
+        """See `Record`."""
+        yield f"{self.draft.kind}, from certificate {self.certificate.number} of {self.certificate.laboratory}"
+        yield describe_signature(self.signature)
+        yield f"filled in: {', '.join(self.draft.filled)}"
+        if self.draft.missing:
+            yield f"not in the certificate, to fill in: {', '.join(self.draft.missing)}"
+        yield from self.draft.remarks
+
+    def _json(self) -> object:
+        return {
+            "certificate": self.certificate.number,
+            "laboratory": self.certificate.laboratory,
+            "signature": self.signature,
+            **self._named("draft"),
+        }
+
+
+@one_blas_thread()
+def artefacts_from_certificate(
+    path: str | Path, *, results: Mapping[str, str] | None = None, trusted: str | Path | None = None
+) -> ArtefactsFromCertificate:
+    """Fill in a file of artefacts from the digital calibration certificate (DCC 3.x) of a sphere or a bar.
+
+    Expanded uncertainties are divided by their coverage factor, units are converted to mm; each value names the result
+    that it comes from. What a certificate does not state is a commented key.
+
+    Parameters
+    ----------
+    path : path
+        The certificate, of any laboratory.
+    results : mapping of str to str, optional
+        For "diameter", "length" or "form" the name of the result that is meant, where the certificate leaves it open.
+    trusted : path, optional
+        Certificate (PEM) of the signer; a file that is not signed with its key is refused.
+
+    Raises
+    ------
+    InputError
+        If the file is no such certificate, its signature is broken, it is of an arm, or it leaves open which result is
+        the diameter or the length.
+
+    Examples
+    --------
+    >>> import truearm as ta
+    >>> ta.artefacts_from_certificate("sphere.xml", results={"diameter": "Mean diameter"})
+    Traceback (most recent call last):
+    truearm.errors.InputError: sphere.xml: the file does not exist
+    """
+    read = read_dcc_file(path, trusted=trusted)
+    certificate = read.certificate
+    if not isinstance(certificate, CalibrationCertificate):
+        raise InputError("the certificate is of an arm, not of an artefact", file=path, hint="give the artefact's")
+    source = f"{clean(Path(path).name)}: certificate {certificate.number} of {certificate.laboratory}"
+    header = (
+        f"Filled in by truearm {__version__} from {source}.",
+        describe_signature(read.signature),
+        *_HEADER,
+    )
+    try:
+        draft = draft_artefact(certificate, chosen=results, header=header)
+    except InputError as error:
+        raise error.in_file(path) from None
+    return ArtefactsFromCertificate(certificate, read.signature, draft)

@@ -196,7 +196,7 @@ def fill_in_artefacts(
 
     With what an artefact's digital calibration certificate states; the rest is named.
     """
-    from truearm.wings.laboratory.verbs.artefacts_from_certificate import artefacts_from_certificate
+    from truearm.wings.laboratory.verbs.certificate import artefacts_from_certificate
 
     if out is None:
         options.refuse_typed(context, ("force",), "applies to --out only")
