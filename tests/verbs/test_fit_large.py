@@ -177,6 +177,37 @@ def test_what_is_not_summed_is_fitted_at_once(session, monkeypatch):
         assert ta.fit("ur10", wide, **options).all_readings is None
 
 
+def test_an_error_that_points_of_one_position_share_is_not_summed(tmp_path, monkeypatch):
+    """In each part, or in a sample, a position has fewer readings than in all, which share its error."""
+    session = ta.simulate("ur10", poses=120, seed=1).session
+    session = replace(session, u_common_mm=np.full(120, 0.05), position=np.arange(120).astype(str))
+    monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 100)
+    assert ta.fit("ur10", session, model="nominal").all_readings is None
+    for i in range(2):
+        session.rows(np.arange(60 * i, 60 * (i + 1))).save(tmp_path / f"{i}.csv")
+    said = str(ta.fit("ur10", tmp_path, model="nominal"))
+    assert "the error that points of one position share (u_common_mm) is not summed" in said
+
+
+def test_a_file_with_nearly_all_readings_is_not_predicted_by_the_others(tmp_path):
+    session = ta.simulate("ur10", poses=200, seed=1).session
+    for i, rows in enumerate((np.arange(190), np.arange(190, 200))):
+        session.rows(rows).save(tmp_path / f"{i}.csv")
+    found = ta.fit("ur10", tmp_path, model="kinematic")
+    assert found.held_out_mm == pytest.approx(ta.fit("ur10", session, model="kinematic").held_out_mm, rel=0.05)
+
+
+def test_a_sample_does_not_show_in_which_direction_joints_turned():
+    rng = np.random.default_rng(0)
+    path = np.cumsum(rng.uniform(0.01, 0.05, (60, 6)) * np.sign(np.sin(np.arange(60)))[:, None], axis=0)
+    points = ta.load_arm("ur10").chain.tip_in_base(path) + 0.02 * rng.normal(size=(60, 3))
+    every, sample = (
+        ta.fit("ur10", ta.Session(path, points, stride=stride), model="kinematic").model for stride in (1.0, 5.0)
+    )
+    assert every.hysteresis_.any()
+    assert not sample.hysteresis_.any()
+
+
 def test_outliers_of_a_long_session_have_its_rows(session, monkeypatch):
     monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 2000)
     monkeypatch.setattr(module, "SAMPLE", 1500)

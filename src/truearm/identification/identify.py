@@ -656,7 +656,9 @@ def _repeating(readings: PreparedReadings, fit: IdentificationResult, rest: Unex
         point_variance = (readings.point_std[rows] ** 2).mean(axis=1)
     points = np.zeros((0, 3)) if readings.points is None else readings.points[rows]
     variance = rest.residual_std_mm**2 * rest.variance_function.share(angles[rows])
-    moved = directions(angles) if readings.state.directions is None else readings.state.directions
+    moved = readings.state.directions
+    if moved is None:  # a sample has not the order of all readings
+        moved = directions(angles) if readings.state.stride == 1 else np.zeros_like(angles)
     return repeating_residuals(fit, readings.state.rows(rows), moved[rows], points, point_variance, variance)
 
 

@@ -249,10 +249,10 @@ class Compensator(Regressor, ABC):
         self.fit_seconds_ = time.perf_counter() - begun
         return self
 
-    def doubts(self, model: str = "the model") -> tuple[str, ...]:
+    def doubts(self, which: str = "") -> tuple[str, ...]:
         """What whoever uses the model must know of its fit: what was accepted, and what is doubtful of its arm."""
-        of_arm = self.arm_doubt_ if model == "the model" else f"Of {model}: {self.arm_doubt_}"
-        return (*accepted_in_fit(self.accepted_, model), *((of_arm,) if self.arm_doubt_ else ()))
+        of_arm = [f"Of {which}: {self.arm_doubt_}" if which else self.arm_doubt_] if self.arm_doubt_ else []
+        return (*accepted_in_fit(self.accepted_, which or "the model"), *of_arm)
 
     def under(self, conditions: Conditions) -> Self:
         """The model with the uncertainty of certain conditions; its points are the same.

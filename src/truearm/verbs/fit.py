@@ -54,7 +54,10 @@ MAX_GROUPS = 8
 # Readings in memory that are fitted at once: of more, a sample and sums give the same arm in less time.
 MOST_AT_ONCE = 100_000
 # What a reading may have instead of a point alone, or beside it.
-BESIDE_POINTS = ("seat", "quaternion", "sphere", "plane", "line", "anchor", "tip", "session", "pose_errors")
+BESIDE_POINTS = (
+    *("seat", "quaternion", "sphere", "plane", "line", "anchor"),
+    *("tip", "session", "u_common_mm", "pose_errors"),
+)
 
 
 @one_blas_thread()

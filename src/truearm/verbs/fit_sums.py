@@ -268,7 +268,7 @@ def fit_all(
     InputError
         If more than half of the readings of a file are gross errors, and of other files not.
     """
-    of_sample, why_not = to_identified(model), _why_of_sample(model)
+    of_sample, why_not = to_identified(model), _why_of_sample(model, sample)
     if of_sample is None or why_not:
         return model, AllReadings(n_sample, why_not)
     arm = of_sample.by_readings
@@ -276,7 +276,9 @@ def fit_all(
     first, later = (sent_model(of_sample, fit) for fit in (of_the_model_itself(arm), arm))
     gross = gross_error_limit(arm, of_sample.held_out_.and_also(of_sample.held_out_gross_))
     following = Iterate(first.fit_.coefficients, arm.references[0].noise_std ** 2)
-    folds = [i * FOLDS // len(large.parts) for i in range(len(large.parts))]
+    # By number of readings: a file may be much larger than others.
+    starts = np.cumsum([0, *(part.n_readings for part in large.parts)])
+    folds: list[int] = ((starts[:-1] + starts[1:]) * FOLDS // (2 * len(large))).tolist()
     by_fold: dict[int, FloatArray] = {}
     n_pass = 0
     work = partial(sums_of_readings, gross_limit=gross, limits=limits, accept=accept, n_session=len(large))
@@ -298,7 +300,8 @@ def fit_all(
             _check_files(total)
         shown = shown_motions(arm, at, total.sums)
         following = improved(arm, at, total.sums, shown)
-        if len(of_folds) > 1:
+        # One of more than half of the readings is predicted by too few: held-out errors are those of the sample then.
+        if max(one.sums.n for one in of_folds.values()) <= total.sums.n / 2:
             by_fold = {fold: without_part(arm, at, total.sums, one.sums, shown) for fold, one in of_folds.items()}
     if accept is not None:
         _check_files(total)
@@ -346,7 +349,7 @@ def conditions_of_all(inputs: Mapping[str, Spread], of_sample: TrainingCondition
     )
 
 
-def _why_of_sample(model: Compensator) -> str:
+def _why_of_sample(model: Compensator, sample: Session) -> str:
     """Why a model stays that of the sample; nothing where it is identified from all readings."""
     if (identified_model := to_identified(model)) is None:
         return f"a {model.kind} model is not identified from sums over a session (--model physical is)"
@@ -354,6 +357,8 @@ def _why_of_sample(model: Compensator) -> str:
         return "sums over a session are of reference points alone"
     if model.session_frames_:
         return "the readings are of several sessions"
+    if sample.u_common_mm is not None:
+        return "the error that points of one position share (u_common_mm) is not summed"
     if identified_model.residual_process_ is not None:
         return "its residual process is not summed"
     if not identified_model.get_params().get("robust", True):

@@ -7,7 +7,8 @@ import pytest
 
 import truearm as ta
 from refusals import refuses
-from truearm.arm import load_arm
+from truearm.arm import Arm, load_arm
+from truearm.arm.denavit_hartenberg import chain_from_dh
 from truearm.identification.judgement.stated_uncertainty import stated_ratio, unlike_stated_uncertainty
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.readings import Session
@@ -34,6 +35,19 @@ def test_micrometres_entered_as_millimetres_are_refused_at_every_door(session):
         lambda: ta.fit(ARM, wrong, model="nominal"),
     ):
         refuses(says, fit)
+
+
+def test_one_axis_alone_is_refused(session):
+    error = refuses(r"is \d+ times their scatter", ta.fit, ARM, stating(session, [1.0, 1.0, 1e6]), model="nominal")
+    assert error.column == "sz_mm"
+
+
+def test_an_axis_along_which_no_tip_moves_shows_no_scatter(rng):
+    """A planar arm: z is 250 mm in all readings, as the drawing says."""
+    planar = Arm("planar", chain_from_dh(a=[300, 250], alpha=[0, 0], d=[250, 0]))
+    angles = rng.uniform(-1.5, 1.5, (40, 2))
+    points = planar.chain.tip_in_base(angles) + 0.02 * rng.normal(size=(40, 3)) * [1, 1, 0]
+    ta.fit(planar, Session(angles, points, point_std=np.full((40, 3), 0.02)), model="nominal")
 
 
 @pytest.mark.parametrize("factor", [0.5, pytest.param(1.0, marks=pytest.mark.weekly), 2.0])

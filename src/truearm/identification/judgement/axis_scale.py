@@ -1,9 +1,10 @@
-"""The scale of one axis of the reference, apart from the others: the depth of a camera, a column with its own factor.
+"""The scale of one axis of the reference, apart from the others: the depth of a stereo camera, a column with a factor.
 
 Small motions of an arm explain such points nearly as well as a good model does, those held out of the same region too,
 and the arm is then as wrong along that axis. Its constants alone do not: the residuals r of the nominal arm have the
 covariance ``s^2 I + J P J'`` with the prior P of the constants, and of joints that yield under the weight of the arm.
-Beside the free base and tip the points may differ by a share of one coordinate. The restricted likelihood (D. A.
+Beside the free base and tip, and the scale of slides (a lead screw, a rail), the points may differ by a share of one
+coordinate. The restricted likelihood (D. A.
 Harville, Biometrika 61 (1974) 383) of each axis, with the noise s that suits it best, is compared with that of none.
 The limits are evidence, `python -m benchmarks imperfect_readings axes`.
 """
@@ -18,7 +19,7 @@ import numpy as np
 from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.description_check import VERY_STRONG, sagging_angles
+from truearm.identification.judgement.description_check import VERY_STRONG, contrasts, sagging_angles
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms import ArmState, Term
 from truearm.readings.readings import Measurements
@@ -93,7 +94,7 @@ def refuse_axis(scale: AxisScale | None, readings: Measurements) -> None:
         readings.contradict(
             f"by these readings {scale}: no arm makes them so",
             column=f"{scale.axis}_mm",
-            hint=f"check the scale of that axis (divided by {1 + scale.share:.4f} it fits the arm): the depth of a "
+            hint=f"check the scale of that axis (divided by {1 + scale.share:.4f} that remains): the depth of a stereo "
             "camera, a unit or a factor of that column alone",
         )
 
@@ -102,7 +103,7 @@ def refuse_axis(scale: AxisScale | None, readings: Measurements) -> None:
 def axis_scale(
     nominal: IdentificationResult, state: ArmState, references: Sequence[Reference], constants: Sequence[Term]
 ) -> AxisScale | None:
-    """The likeliest scale of one axis; None without points.
+    """The likeliest scale of one axis; None without points. Solved poses have common errors of their own.
 
     Parameters
     ----------
@@ -119,26 +120,29 @@ def axis_scale(
         if isinstance(points, Points) and len(kept):
             kept = kept[np.unique(np.linspace(0, len(kept) - 1, SAMPLE).astype(np.intp))]
             rows = found.rows[kept]
-            by_free, by_uncertain = _derivatives(nominal, state.rows(rows), constants)
-            return likeliest_axis(-found.residuals[:, kept].T, points.points[kept], by_free, by_uncertain)
+            parts = _derivatives(nominal, state.rows(rows), constants)
+            return likeliest_axis(-found.residuals[:, kept].T, points.points[kept], *parts)
     return None
 
 
 def _derivatives(
     nominal: IdentificationResult, state: ArmState, constants: Sequence[Term]
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 3, k) derivatives of tips by the free parts; by constants and weight, in prior standard deviations [mm]."""
+    """Derivatives (n, 3, k) of tips by what is free, and by what is uncertain, in prior standard deviations [mm]."""
     free = nominal.perturbed_chain.terms
     names = {term.name for term in free}
     others = [term for term in constants if term.name not in names]
     chain = PerturbedChain(nominal.chain, (*free, *others))
     by = np.concatenate([by for _, _, by in chain.derivatives(state, np.zeros(chain.n_coefficients))], axis=2)
     n_free = sum(term.n_coefficients for term in free)
-    std = np.concatenate([np.zeros(0), *(term.prior_stds for term in others)])
-    turns = nominal.chain.tip_derivatives(state.angles).motion_jacobian[:, 1:-1, 2].transpose(0, 2, 1)
-    by_weight = turns * sagging_angles(state.chain, state.angles)[:, None]
-    uncertain = np.concatenate([(by[n_free:] * std[:, None, None]).transpose(2, 1, 0), by_weight], axis=2)
-    return by[:n_free].transpose(2, 1, 0), uncertain
+    std = np.concatenate([term.prior_stds for term in others])
+    by_joint = nominal.chain.tip_derivatives(state.angles).motion_jacobian[:, 1:-1].transpose(0, 2, 3, 1)
+    by_weight = by_joint[:, 2] * sagging_angles(state.chain, state.angles, state.gravity_in_base)[:, None]
+    slides = state.chain.is_prismatic
+    travel = state.joint_angles - state.joint_angles.mean(axis=0)
+    by_slide = (by_joint[:, 5] * travel[:, None])[..., slides]
+    free_parts = np.concatenate([by[:n_free].transpose(2, 1, 0), by_slide], axis=2)
+    return free_parts, np.concatenate([(by[n_free:] * std[:, None, None]).transpose(2, 1, 0), by_weight], axis=2)
 
 
 def likeliest_axis(
@@ -157,16 +161,11 @@ def likeliest_axis(
     """
     rows = residuals.size
     along = np.zeros((*points.shape, 3))
-    along[:, range(3), range(3)] = points - points.mean(axis=0)
-    Q, R = np.linalg.qr(by_free.reshape(rows, -1))
-    weights = np.abs(R.diagonal())
-    Q = Q[:, weights > 1e-9 * weights.max(initial=0.0)]
-    constants, data = (
-        one - Q @ (Q.T @ one)
-        for one in (by_uncertain.reshape(rows, -1), np.column_stack([residuals.reshape(rows), along.reshape(rows, 3)]))
-    )
-    U, s, _ = np.linalg.svd(constants, full_matrices=False)
-    n = rows - Q.shape[1]
+    tips = points - residuals  # those of a right scale
+    along[:, range(3), range(3)] = tips - tips.mean(axis=0)
+    data = np.column_stack([residuals.reshape(rows), along.reshape(rows, 3)])
+    n, data, uncertain = contrasts(by_free.reshape(rows, -1), data, by_uncertain.reshape(rows, -1))
+    U, s, _ = np.linalg.svd(uncertain, full_matrices=False)
     if n <= len(s):
         return None
     # Products of the residuals and the axes (4, 4) by the inverse covariance, for each noise.

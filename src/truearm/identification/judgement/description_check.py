@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
@@ -34,7 +35,7 @@ from truearm.errors import InputError
 from truearm.identification.judgement.description_fits import DescriptionFits, fit_descriptions, length_rows
 from truearm.identification.references.reference_table import ReferenceTable, reference_table
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, TYPICAL_REACH_MM, relative_size
-from truearm.identification.terms.links import gravity_torques, uniform_links
+from truearm.identification.terms.links import STANDARD_GRAVITY_IN_BASE, gravity_torques, uniform_links
 from truearm.readings.session import Session
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
@@ -366,12 +367,15 @@ def _likelihood(
     return log_likelihood + _log_prior_of_size(stated, chain), usual * float(np.sqrt(3)), left
 
 
-def sagging_angles(chain: Chain, angles: FloatArray) -> FloatArray:
-    """(m, n_joints) angles by which joints of one compliance yield under uniform links, of an upright arm [rad].
+def sagging_angles(
+    chain: Chain, angles: FloatArray, gravity_in_base: npt.ArrayLike = STANDARD_GRAVITY_IN_BASE
+) -> FloatArray:
+    """(m, n_joints) angles by which joints of one compliance yield under uniform links [rad].
 
     The joint that yields most has the root mean square `SAG_STD`.
     """
-    torque = gravity_torques(chain, angles, uniform_links(chain, kg_per_m=1.0))[:, :, 2]
+    links = uniform_links(chain, kg_per_m=1.0)
+    torque = gravity_torques(chain, angles, links, gravity_in_base=gravity_in_base)[:, :, 2]
     torque = np.where(chain.is_prismatic, 0.0, torque)
     return np.asarray(SAG_STD * torque / max(float(np.sqrt((torque**2).mean(axis=0).max())), np.finfo(float).tiny))
 
@@ -451,11 +455,8 @@ def restricted_likelihood(
     usual : float
         Root mean square residual that the parameters with a prior cause [mm].
     """
-    Q, R = np.linalg.qr(free)
-    weights = np.abs(R.diagonal())
-    Q = Q[:, weights > 1e-9 * weights.max(initial=0.0)]
-    r, K = residuals - Q @ (Q.T @ residuals), tolerances - Q @ (Q.T @ tolerances)
-    n = len(residuals) - Q.shape[1] - n_absorbed
+    n, r, K = contrasts(free, residuals, tolerances)
+    n -= n_absorbed
     U, s, _ = np.linalg.svd(K, full_matrices=False)
     U, s = U[:, :n], s[:n]
     c = U.T @ r
@@ -466,6 +467,15 @@ def restricted_likelihood(
     of_noise = (n - len(s)) * np.log(noise[:, 0]) + rest / noise[:, 0]
     best = float((-0.5 * (of_tolerances + of_noise)).max())
     return best + n * float(np.log(max(scale, 1e-12))), float(np.sqrt((s**2).sum() / max(len(residuals), 1)))
+
+
+def contrasts(free: FloatArray, *columns: FloatArray) -> tuple[int, FloatArray, FloatArray]:
+    """Number of contrasts that free parameters (n, p) do not affect, and columns (n, k) without what they explain."""
+    Q, R = np.linalg.qr(free)
+    weights = np.abs(R.diagonal())
+    Q = Q[:, weights > 1e-9 * weights.max(initial=0.0)]
+    first, second = (one - Q @ (Q.T @ one) for one in columns)
+    return len(free) - Q.shape[1], first, second
 
 
 @contextmanager

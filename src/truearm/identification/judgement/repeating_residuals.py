@@ -76,7 +76,7 @@ def repeating_residuals(
     state : ArmState
         Of n readings.
     directions : (n, n_joints) array
-        Of the last movement of each joint, -1 to 1.
+        Of the last movement of each joint, -1 to 1; 0 where it is not known.
     points : (n, 3) array
         Their reference points [mm].
     point_variance, variance : (n,) array
@@ -100,7 +100,8 @@ def repeating_residuals(
     if not np.isfinite(evidence).any():
         return unknown
     share = float(_SHARES @ _weights(evidence))
-    if any(isinstance(basis, Direction) for basis in fit.perturbed_chain.input_bases(at)):
+    has_terms = any(isinstance(basis, Direction) for basis in fit.perturbed_chain.input_bases(at))
+    if has_terms or not directions[rows].any():
         return unknown._replace(share=share)
     turns = directions[rows][:, :, None] * joints.radians[:, None] * joints.own_motions(at.angles)
     D = turns.transpose(0, 2, 1).reshape(n, -1)

@@ -31,6 +31,8 @@ MOST_SCATTER = 200.0
 # An identification without stated uncertainties is tried where the nominal arm already misses by less than this
 # multiple of them: it never does where they are right, unless there is nothing to identify.
 SUSPECT_NOMINAL = 2.0
+# Share of their largest spread that points have along an axis at least, to show a scatter along it.
+LEAST_SPREAD = 0.01
 # What ratios near these mean: the scatter also contains what the arm does, so that they may differ by a factor.
 MISTAKES = {1e3: ", as if micrometres were entered as mm", 1e-3: ", as if it were entered in metres"}
 NEAR = 5.0
@@ -81,10 +83,11 @@ def check_stated_uncertainty(
     InputError
         If they are `MAX_RATIO` times as large or more, with the likely mistake.
     """
-    if _largest(as_stated(nominal, references))[0] * SUSPECT_NOMINAL < 1:
+    axes = [axis for one in references if isinstance(one, Points) for axis in _spread_axes(one.points)]
+    if _largest(as_stated(nominal, references), axes)[0] * SUSPECT_NOMINAL < 1:
         return
     bare = [replace(one, point_std=None) if isinstance(one, Points) else one for one in references]
-    ratio, axis = _largest(as_stated(identify(bare), references))
+    ratio, axis = _largest(as_stated(identify(bare), references), axes)
     if ratio >= MAX_RATIO:
         readings.contradict(
             f"the stated uncertainty of the reference points is {ratio:.0f} times their scatter about the identified "
@@ -143,9 +146,15 @@ def rounded_angles(readings: PreparedReadings, fit: IdentificationResult) -> tup
     return (Finding("rounded angles", would, {"moved_mm": moved}),)
 
 
-def _largest(fit: IdentificationResult) -> tuple[float, str]:
-    """The largest `stated_ratio` of an axis, and the axis; zero where there is none."""
-    return max((stated_ratio(fit, axis) or 0.0, name) for axis, name in enumerate("xyz"))
+def _largest(fit: IdentificationResult, axes: Sequence[int]) -> tuple[float, str]:
+    """The largest `stated_ratio` of these axes, and its axis; zero where there is none."""
+    return max(((stated_ratio(fit, axis) or 0.0, "xyz"[axis]) for axis in axes), default=(0.0, ""))
+
+
+def _spread_axes(points: FloatArray) -> list[int]:
+    """Axes along which an arm moved its points (m, 3): along others their scatter is rounding, as of a planar arm."""
+    spread = np.ptp(points, axis=0)
+    return np.flatnonzero(spread > LEAST_SPREAD * spread.max()).tolist()
 
 
 def _mistake(ratio: float) -> str:
