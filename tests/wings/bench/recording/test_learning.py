@@ -6,6 +6,7 @@ import pytest
 import truearm as ta
 from truearm.errors import InputError
 from truearm.readings import Session
+from truearm.wings.bench.recording import learning as learning_module
 from truearm.wings.bench.recording.learning import Learning, PosesToMeasure
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import Sample, Source, StandstillRule
@@ -79,6 +80,17 @@ def test_a_physical_model_starts_with_the_angle_errors_that_it_knows(arm):
     squares = np.einsum("nc,nc->n", residuals, np.linalg.solve(covariances, residuals[..., None])[..., 0])
     assert 1.0 < squares.mean() < 6.0
     assert learning.estimate.noise_mm < 1.5 * known.residual_std_
+
+
+def test_in_a_long_session_a_reading_is_learned_mostly_without_the_others(arm, monkeypatch):
+    session, of_all, anew = ta.simulate("ur10", poses=320, seed=1).session, learning_module.updated_estimate, []
+    monkeypatch.setattr(
+        learning_module, "updated_estimate", lambda *given, **more: anew.append(1) or of_all(*given, **more)
+    )
+    learning = Learning(arm)
+    for n in range(300, 321):
+        [*learning.learn(session.rows(np.arange(n)))]
+    assert len(anew) <= 5
 
 
 def test_it_is_enough_once(arm, ur10_model):

@@ -15,7 +15,7 @@ from truearm.wings.planning.designs.exchange import decreases
 from truearm.wings.planning.designs.factors import moment_matrix
 from truearm.wings.planning.designs.information import tip_jacobian
 from truearm.wings.planning.designs.prior import nominal_prior
-from truearm.wings.planning.designs.sequential_update import Estimate, updated_estimate
+from truearm.wings.planning.designs.sequential_update import Estimate, updated_estimate, with_reading
 
 NOISE_MM = 0.02
 
@@ -73,6 +73,32 @@ def test_reading_by_reading_it_is_the_least_squares_of_all(arm, prior, target, s
     # Its last step may move the parameters by a hundredth of their uncertainty, and the noise by as little.
     assert (np.abs(estimate.parameters - best) / u).max() < 0.05
     assert 0.7 * NOISE_MM < noise_mm < 1.3 * NOISE_MM
+
+
+@pytest.mark.parametrize(("in_seats", "n_in_prior"), [(False, 0), (False, 5), (True, 0), (True, 5)])
+def test_a_reading_added_to_the_sums_gives_the_estimate_of_all_anew(arm, prior, target, in_seats, n_in_prior):
+    angles, seat, n_before = ta.simulate("ur10", poses=150, seed=1).session.angles, None, 120
+    if in_seats:
+        poses = seat_poses(arm, seats=6, poses=60, seed=1)
+        angles, seat, n_before = poses.angles, poses.seat, 30
+    _, readings = planted(prior, angles, 1, seat)
+    state, n_by_sums, p = prior.state(angles), 0, len(prior.precision)
+    estimate = Estimate.before_readings(prior)
+    for n in range(n_before, len(angles) + 1):
+        rows = np.arange(n)
+        anew = updated_estimate(prior, readings.rows(rows), state.rows(rows), estimate, n_in_prior=n_in_prior)
+        by_sums = with_reading(prior, readings.rows([n - 1]), state.rows(rows[-1:]), estimate)
+        if by_sums is not None:
+            n_by_sums += 1
+            # As far as a step settles; parameters of base and seats are in frames of their own.
+            u = np.sqrt(np.diag(anew.covariance))[:p]
+            assert (np.abs(by_sums.parameters - anew.parameters)[:p] / u).max() < 0.02
+            assert by_sums.variance(target) == pytest.approx(anew.variance(target), rel=0.02)
+            assert by_sums.noise_mm == pytest.approx(anew.noise_mm, rel=2e-3)
+            assert by_sums.seats == anew.seats
+        estimate = by_sums or anew
+    assert n_by_sums > 10
+    assert with_reading(prior, Session(arm.working[None]), prior.state(arm.working[None]), estimate) is estimate
 
 
 def test_all_at_once_find_the_noise_and_the_uncertainty_of_one_by_one(arm, target):

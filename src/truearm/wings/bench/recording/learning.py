@@ -30,7 +30,7 @@ from truearm.wings.planning.designs.plan import NOISE_MM
 from truearm.wings.planning.designs.planned_readings import PlannedReadings
 from truearm.wings.planning.designs.prior import identified_prior, nominal_prior
 from truearm.wings.planning.designs.proposal import VOLUME_POSES
-from truearm.wings.planning.designs.sequential_update import Estimate, held_readings, updated_estimate
+from truearm.wings.planning.designs.sequential_update import Estimate, held_readings, updated_estimate, with_reading
 from truearm.wings.planning.designs.tour import joint_moves
 
 NEARLY_BEST = 0.8  # share of the largest gain; of the poses that gain as much the nearest comes next
@@ -237,7 +237,7 @@ class Learning:
     def forget(self) -> None:
         """Know what was known before the readings."""
         self.estimate = self._before
-        self._n_seen, self._trained_on, self._doubted = 0, 0, list[int]()
+        self._n_seen, self._trained_on, self._doubted, self._learned = 0, 0, list[int](), np.arange(0)
 
     def learn(self, session: Session) -> Iterator[Event]:
         """Take in a session that has grown by a reading, or lost its last.
@@ -257,18 +257,25 @@ class Learning:
             if self._doubted:
                 return
         learned = np.setdiff1d(np.arange(len(session)), self._doubted)
-        readings = session.rows(learned)
-        if (held_readings(readings)[1] | readings.has_point).any():
-            n_in_prior = int((learned < self._trained_on).sum())
-            self.estimate = updated_estimate(
-                self._prior, readings, self._state(readings), self.estimate, n_in_prior=n_in_prior
-            )
-            self._doubted = [row for row in self._doubted if self._misfits(session, row)]  # others are learned next
-        else:
-            self.estimate = self._before
+        if (estimate := self._with_last(session, learned)) is None:
+            estimate, readings = self._before, session.rows(learned)
+            if (held_readings(readings)[1] | readings.has_point).any():
+                n_in_prior = int((learned < self._trained_on).sum())
+                estimate = updated_estimate(
+                    self._prior, readings, self._state(readings), self.estimate, n_in_prior=n_in_prior
+                )
+        self.estimate, self._learned = estimate, learned
+        self._doubted = [row for row in self._doubted if self._misfits(session, row)]  # others are learned next
         after_mm = self.uncertainty_mm
         if not isclose(after_mm, before_mm, rel_tol=UNCHANGED):
             yield learned_event(before_mm, after_mm)
+
+    def _with_last(self, session: Session, learned: IntArray) -> Estimate | None:
+        """The estimate with the last reading alone; None where all must be learned together."""
+        if not np.array_equal(self._learned, learned[:-1]) or len(session) <= self._trained_on:
+            return None
+        reading = session.rows([len(session) - 1])
+        return with_reading(self._prior, reading, self._state(reading), self.estimate)
 
     def _doubt(self, session: Session, row: int) -> str:
         """Why a reading is not learned; empty if it is."""

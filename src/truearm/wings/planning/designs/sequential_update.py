@@ -18,6 +18,10 @@ are so wide that they say nothing. The noise follows from the residuals of each 
 Readings that the prior knows already place the base and the seats, and say no more of the terms: their derivatives by
 the terms are projected onto those by base and seats, which leaves nothing where these are eliminated. An error of the
 terms then moves the base as it did when the prior was identified. Where the noise is estimated, they are part of P.
+
+A further reading is added to the sums ``J^T J`` and ``J^T r`` of the others, at the point where these were linearised,
+as long as the estimate is near it (`NEAR_STEP`). That takes a time that does not grow with their number: of n readings
+each moves the estimate by a share of its uncertainty that falls as one over the root of n.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import log, sqrt
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -45,6 +50,97 @@ NOISE_WORTH = 10.0
 MOST_STEPS = 5
 # The last step moves the parameters by less, as a share of their uncertainty, and the noise, as a share of itself.
 SETTLED_STEP, SETTLED_NOISE = 0.01, 0.05
+# A point of linearisation serves further readings as long as they move the parameters by less, as the same share.
+NEAR_STEP = 0.1
+
+
+class CoordinateSums(NamedTuple):
+    """CoordinateSums over k coordinates of readings, of their derivatives J (k, m) and residuals r (k,) [mm].
+
+    Attributes
+    ----------
+    normal : (m, m) array
+        ``J^T J``.
+    gradient : (m,) array
+        ``J^T r``.
+    square : float
+        ``r^T r``.
+    n : int
+    """
+
+    normal: FloatArray
+    gradient: FloatArray
+    square: float
+    n: int
+
+    @classmethod
+    def of(cls, residuals: FloatArray, J: FloatArray) -> Self:
+        """Those of residuals (n, 3) and derivatives (n, 3, m)."""
+        rows, r = J.reshape(-1, J.shape[2]), residuals.ravel()
+        return cls(rows.T @ rows, rows.T @ r, float(r @ r), len(r))
+
+    def padded(self, m: int) -> Self:
+        """With further parameters, on which these residuals do not depend."""
+        more = m - len(self.gradient)
+        return self._replace(normal=np.pad(self.normal, (0, more)), gradient=np.pad(self.gradient, (0, more)))
+
+    def plus(self, other: CoordinateSums) -> CoordinateSums:
+        """With those of other readings."""
+        gradient, square = self.gradient + other.gradient, self.square + other.square
+        return CoordinateSums(self.normal + other.normal, gradient, square, self.n + other.n)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisedReadings:
+    """Readings at one point of the parameters, and the prior of these.
+
+    Attributes
+    ----------
+    n_terms : int
+        Number of coefficients of the prior, which are the first of the m parameters.
+    parameters, mean : (m,) array
+        Of the point, and of the prior.
+    precision : (m, m) array
+        Of the prior.
+    old, new : CoordinateSums
+        Of the readings that the prior of the terms knows already, and of the others.
+    """
+
+    n_terms: int
+    parameters: FloatArray
+    mean: FloatArray
+    precision: FloatArray
+    old: CoordinateSums
+    new: CoordinateSums
+
+    def step(self, noise_mm: float, prior_noise_mm: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        """The step from the point, precision and covariance of the parameters, and the noise that is left [mm]."""
+        w, placing = noise_mm**-2, slice(self.n_terms, None)
+        B = _by_placing(w * self.old.normal, self.precision, self.n_terms)
+        known = self.precision + w * B.T @ self.old.normal[placing, placing] @ B
+        A = known + w * self.new.normal
+        factor = _factor(A)
+        gradient = B.T @ self.old.gradient[placing] + self.new.gradient
+        pull = w * gradient - self.precision @ (self.parameters - self.mean)
+        C, step = cho_solve(factor, np.eye(len(A))), cho_solve(factor, pull)
+        left = max(self.new.square + float(step @ (self.new.normal @ step - 2 * self.new.gradient)), 0.0)
+        n_free = max(self.new.n - len(A) + float(np.vdot(known, C)), 0.0)
+        return step, A, C, sqrt((NOISE_WORTH * prior_noise_mm**2 + left) / (NOISE_WORTH + n_free))
+
+    def with_reading(self, residual: FloatArray, J: FloatArray, place: FloatArray) -> LinearisedReadings:
+        """The same with the residual (1, 3) and the derivatives (1, 3, m) of a reading, perhaps in a new seat.
+
+        The position of that, (3,) or empty, is then the last of the parameters.
+        """
+        m = J.shape[2]
+        return replace(
+            self,
+            parameters=np.append(self.parameters, place),
+            mean=np.pad(self.mean, (0, len(place))),
+            precision=_with_wide(self.precision, m),
+            old=self.old.padded(m),
+            new=self.new.padded(m).plus(CoordinateSums.of(residual, J)),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +159,8 @@ class Estimate:
         Of the parameters, one the inverse of the other.
     noise_mm : float
         Standard deviation of a coordinate of a reading.
+    linearisation : LinearisedReadings, optional
+        Of the readings; None before there are any.
     """
 
     perturbed_chain: PerturbedChain
@@ -71,6 +169,7 @@ class Estimate:
     precision: FloatArray
     covariance: FloatArray
     noise_mm: float
+    linearisation: LinearisedReadings | None = None
 
     @classmethod
     def before_readings(cls, prior: Prior) -> Estimate:
@@ -168,21 +267,50 @@ def updated_estimate(
         places = {name: tips[held & (seat == name)].mean(axis=0) for name in names}
         x = np.concatenate([coefficients, *places.values()])
         P, mean = _with_wide(placed.precision, len(x)), np.pad(_mean(prior), (0, len(x) - n_terms))
-        residuals, J = _linearised(placed.perturbed_chain, coefficients, places, readings, state)
-        r, rows = residuals.ravel() / noise_mm, J.reshape(-1, len(x)) / noise_mm
-        old, new = rows[: 3 * n_in_prior], rows[3 * n_in_prior :]
-        old[:, :n_terms] = _by_placing(old, P, n_terms)
-        known = P + old.T @ old
-        A = known + new.T @ new
-        factor = _factor(A)
-        C, step = cho_solve(factor, np.eye(len(x))), cho_solve(factor, rows.T @ r - P @ (x - mean))
+        r, J = _linearised(placed.perturbed_chain, coefficients, places, readings, state)
+        old, new = (
+            CoordinateSums.of(r[:n_in_prior], J[:n_in_prior]),
+            CoordinateSums.of(r[n_in_prior:], J[n_in_prior:]),
+        )
+        at = LinearisedReadings(n_terms, x, mean, P, old, new)
+        was_mm, (step, A, C, noise_mm) = noise_mm, at.step(noise_mm, prior.noise_mm)
         x, terms = x + step, x[:n_terms] + step[:n_terms]
-        left = noise_mm * (r - rows @ step)[3 * n_in_prior :]
-        n_free = max(len(left) - len(x) + float(np.vdot(known, C)), 0.0)
-        was_mm, noise_mm = noise_mm, sqrt((NOISE_WORTH * prior.noise_mm**2 + left @ left) / (NOISE_WORTH + n_free))
         if step @ A @ step < SETTLED_STEP**2 * len(x) and abs(log(noise_mm / was_mm)) < SETTLED_NOISE:
             break
-    return Estimate(placed.perturbed_chain, names, x, A, C, noise_mm)
+    return Estimate(placed.perturbed_chain, names, x, A, C, noise_mm, at)
+
+
+@one_blas_thread()
+def with_reading(prior: Prior, reading: Session, state: ArmState, before: Estimate) -> Estimate | None:
+    """The estimate with one more reading, by the sums of the others; None where these must be linearised again.
+
+    Parameters
+    ----------
+    prior, before
+        As of `updated_estimate`.
+    reading : Session
+        One reading that the prior does not know.
+    state : ArmState
+        At it.
+    """
+    (seat,), (held,) = held_readings(reading)
+    if not (held or reading.has_point.any()):
+        return before
+    chain, at, names = before.perturbed_chain, before.linearisation, before.seats
+    n = chain.n_coefficients
+    has_frame = n > prior.perturbed_chain.n_coefficients
+    if at is None or not (held or has_frame):
+        return None
+    place = np.empty(0)
+    if held and seat not in names:
+        names, place = (*names, str(seat)), chain.tips(state, at.parameters[:n])[0]
+    x = np.append(at.parameters, place)
+    r, J = _linearised(chain, x[:n], dict(zip(names, x[n:].reshape(-1, 3), strict=True)), reading, state)
+    at = at.with_reading(r, J, place)
+    *_, with_it_mm = at.step(before.noise_mm, prior.noise_mm)
+    step, A, C, noise_mm = at.step(with_it_mm, prior.noise_mm)
+    is_near = step @ A @ step < NEAR_STEP**2 * len(x) and abs(log(noise_mm / with_it_mm)) < SETTLED_NOISE
+    return Estimate(chain, names, x + step, A, C, noise_mm, at) if is_near else None
 
 
 def _mean(prior: Prior) -> FloatArray:
@@ -205,11 +333,14 @@ def _placed(prior: Prior, terms: FloatArray, readings: Session, state: ArmState)
     return replace(framed, perturbed_chain=framed.perturbed_chain.in_frame(T))
 
 
-def _by_placing(rows: FloatArray, precision: FloatArray, n_terms: int) -> FloatArray:
-    """Derivatives (k, n_terms) by the terms, projected onto those by base and seats."""
-    by_terms, placing = rows[:, :n_terms], rows[:, n_terms:]
-    information = placing.T @ placing + precision[n_terms:, n_terms:]
-    return np.asarray(placing @ cho_solve(_factor(information), placing.T @ by_terms))
+def _by_placing(normal: FloatArray, precision: FloatArray, n_terms: int) -> FloatArray:
+    """What takes derivatives by base and seats to derivatives by all, those by the terms projected onto them.
+
+    Of readings of the normal matrix (m, m): (m - n_terms, m).
+    """
+    placing, terms = slice(n_terms, None), slice(n_terms)
+    factor = _factor(normal[placing, placing] + precision[placing, placing])
+    return np.hstack([cho_solve(factor, normal[placing, terms]), np.eye(len(normal) - n_terms)])
 
 
 def _linearised(
