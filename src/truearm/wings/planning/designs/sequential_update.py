@@ -55,7 +55,7 @@ NEAR_STEP = 0.1
 
 
 class CoordinateSums(NamedTuple):
-    """CoordinateSums over k coordinates of readings, of their derivatives J (k, m) and residuals r (k,) [mm].
+    """Sums over k coordinates of readings, of their derivatives J (k, m) and residuals r (k,) [mm].
 
     Attributes
     ----------
