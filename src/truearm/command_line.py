@@ -51,6 +51,7 @@ OTHER_NAMES = {
     "calibrate": "fit",
     "identify": "fit",
     "compensate": "predict",
+    "-o": "--out",
     "--arm-file": "--out",
     "--bar-mm": "--bar",
     "--html": "--page",

@@ -80,7 +80,7 @@ def test_what_an_option_was_called_is_answered_with_what_it_is_called(truearm):
         name = now.partition(" ")[0]
         if ". Try: " in now:
             continue  # a sentence, see below
-        if not option.startswith("--"):
+        if not option.startswith("-"):
             assert now in known
         elif name == "truearm":
             ran = truearm(*command.split(), option, "x")
@@ -201,6 +201,12 @@ def test_what_the_parser_of_an_option_refuses_is_said_once(truearm):
     ran = truearm("fit", "s.csv", "--out", "m.truearm", "--free", "elbow")
     said = "truearm: --free expects base, tip, base,tip or none, got 'elbow'. Try: --free base,tip\n"
     assert (ran.code, ran.err) == (2, said)
+
+
+def test_the_short_option_of_other_programs_is_answered_by_its_name_here(truearm):
+    assert truearm("import", "t.csv", "-o", "s.csv").err == (
+        "truearm: -o is called --out here. Try: truearm import --out\n"
+    )
 
 
 def test_an_option_that_never_was_is_answered_by_none(truearm):

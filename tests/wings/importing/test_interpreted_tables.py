@@ -376,3 +376,14 @@ def test_all_that_is_missing_is_said_at_once(tmp_path):
         ta.import_table(table, TableColumns(angles=["J1", "J2"], points=names[-3:]))
     caught = refuses(None, ta.import_table, table, TableColumns(points=names[-3:]), JointScale("counts"))
     assert "may be the joint angles" in str(caught)
+
+
+def test_points_that_are_none_are_said_with_what_they_hold():
+    values = session_like()
+    values[1, 2:], values[3, 2:], values[5, 3], values[6, 2:] = 0.0, -1.0, np.nan, -1.0
+    found = read(values)
+    assert [one for one in found.remarks if "no point" in one] == [
+        "Line 3: 0, 0, 0 is no point (target lost); the reading has no point.",
+        "Lines 5, 8: -1, -1, -1 is no point (target lost); the reading has no point.",
+        "Line 7: a coordinate is missing; the reading has no point.",
+    ]

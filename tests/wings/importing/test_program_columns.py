@@ -214,14 +214,14 @@ def test_a_session_file_means_itself():
         (["left_j1", "left_j2", "right_j1", "right_j2"], "joint angles: left_j1 .. left_j2 and right_j1 .. right_j2"),
         (["J1", "J2", "theta1", "theta2"], "joint angles"),
         (["J1", "J2", *(f"{what} {c}" for what in ("Tool tip", "Base ball") for c in "XYZ")], "points: Tool tip X"),
-        (["J1", "J2", "ref_x", "ref_y", "ref_z", "tip_x", "tip_y", "tip_z"], "points: ref_x, ref_y, ref_z and tip_x"),
+        (["J1", "J2", "ref_x", "ref_y", "ref_z", "tip_x", "tip_y", "tip_z"], "points: ref_x, ref_y, ref_z; tip_x"),
         # What a controller calls measured may be its own forward kinematics.
         *(
             (["measured_q1", "measured_q2", *(f"{who}_{c}" for who in (other, "measured") for c in "xyz")], "points: ")
             for other in ("marker", "tracker", "laser", "mocap", "camera", "probe", "ball")
         ),
         (["J1", "J2", *(f"{who}_{c}" for who in ("marker", "measured") for c in "xyz")], "points: marker_x"),
-        (["measured_q1", "measured_q2", *"xyz", "measured_x", "measured_y", "measured_z"], "points: x, y, z and meas"),
+        (["measured_q1", "measured_q2", *"xyz", "measured_x", "measured_y", "measured_z"], "points: x, y, z; meas"),
     ],
 )
 def test_two_readings_are_asked(names, what):
@@ -340,3 +340,48 @@ def test_units_behind_names():
     assert split_unit("tip_x [µm]") == ("tip_x", "um")
     assert split_unit("q[3]") == ("q_3", None)
     assert np.all([split_unit(f"X{end}")[1] == "mm" for end in ("(mm)", "_mm", " [mm]", "/mm", ",mm")])
+
+
+@pytest.mark.parametrize(
+    ("sets", "hint"),
+    [
+        (("{}_t", "{}_dif", "measured_{}"), "--point measured_x,measured_y,measured_z"),
+        (("ref_{}", "actual_{}"), "--point actual_x,actual_y,actual_z"),
+        (("{}_t", "{}_dif"), "--point x_t,y_t,z_t, or --point x_dif,y_dif,z_dif: those that an instrument measured"),
+    ],
+)
+def test_of_several_sets_of_points_that_named_measured_is_proposed(sets, hint):
+    """Targets that are taken for points look like a perfect arm."""
+    names = [name.format(axis) for name in sets for axis in "xyz"]
+    refused = recognise_program_columns([*numbered("joint_{}"), *names]).no_points
+    assert refused is not None
+    assert refused.hint == hint
+    assert refused.problem.startswith(f"{len(sets)} sets of columns may be the points: {', '.join(names[:3])}; ")
+
+
+@pytest.mark.parametrize("name", ["U_{}", "U{}", "{}_U", "U({})"])
+def test_a_capital_u_is_said_to_be_read_as_a_standard_uncertainty(name):
+    stds = [name.format(axis) for axis in "xyz"]
+    found = recognise_program_columns([*numbered("J{}"), *"XYZ", *stds])
+    assert found.phrases["point_std"] == f"standard uncertainties {', '.join(stds)}"
+    assert "often is an expanded one (k = 2)" in found.remarks[0]
+    for small in ([one.lower() for one in stds], [f"Uncertainty {axis}" for axis in "XYZ"]):
+        found = recognise_program_columns([*numbered("J{}"), *"XYZ", *small])
+        assert "point_std" in found.phrases
+        assert not found.remarks
+
+
+@pytest.mark.parametrize(
+    ("angle", "point"),
+    [
+        ("Winkel {} in Grad", "{}"),
+        ("Achse {} [Grad]", "{}"),
+        ("\u95a2\u7bc0{}\u89d2\u5ea6[\u5ea6]", "{}\u5ea7\u6a19[mm]"),
+        ("\u8ef8{} (\u5ea6)", "{}\u5ea7\u6a19"),
+    ],
+)
+def test_german_and_japanese_headings_are_recognised(angle, point):
+    found = recognise_program_columns([*numbered(angle), *map(point.format, "XYZ")])
+    assert found.angle_units == ("deg",) * 6
+    assert found.columns.points == tuple(map(point.format, "XYZ"))
+    assert split_unit("J1 [grad]") == ("j1", "grad")  # a gon in English: asked

@@ -155,3 +155,12 @@ def test_data_frames_are_joined():
     columns = {"points_from": pd.DataFrame(POINTS), "by": "row"}
     assert len(ta.import_table(pd.DataFrame(JOINTS), **columns)) == N
     refuses("got dict", ta.import_table, JOINTS)
+
+
+def test_angles_that_are_called_those_of_encoders_are_asked_about_in_the_table():
+    joints = {f"Encoder {i}": values for i, values in enumerate(JOINTS.values(), 1)}
+    error = refuses("encoder counts", read, joints | POINTS)
+    assert error.column == "Encoder 1"
+    assert error.hint == "--counts-per-turn 65536; or --angle-unit deg or rad, if they are angles"
+    of_table = {f"{name} [counts]": values for name, values in joints.items()}
+    assert refuses("encoder counts", read, of_table | POINTS).hint == "--counts-per-turn 65536"

@@ -69,6 +69,12 @@ def settle_joint_units(
     if None not in units:
         if None in stated:
             assumed.append(f"angles in {certain}, as some turn {np.abs(values).max():.4g}")
+        if "counts" in units and scale.counts_per_turn is None:
+            column = table.index(angles[units.index("counts")])
+            problem = "encoder counts, by their name or unit, need the counts of a full turn"
+            is_stated = split_unit(table.names[column], table.units[column])[1] is not None
+            hint = "--counts-per-turn 65536" + "; or --angle-unit deg or rad, if they are angles" * (not is_stated)
+            raise table.error(problem, 0, column=column, hint=hint)
         return replace(scale, unit=tuple(cast(JointUnit, unit) for unit in units))
     if of_motors:
         raise table.error(

@@ -33,6 +33,9 @@ _UNIT_LENGTH, _FEW_ROWS = 1e-3, 2
 _UNITS_OF_NAMES: tuple[str, ...] = ("deg", "rad", "gon", "mm", "m", "cm", "um", "in", "counts", "s")
 _UNITS_OF_NAMES += ("degC", "degF", "K", "kg", "g", "Nm", "mNm", "A", "mA")
 
+# Beside these, Grad are degrees; in English a grad is a gon.
+_GERMAN = re.compile(r"winkel|achse|gelenk")
+
 # Joints that have names instead of numbers, base to tip.
 _NAMED_JOINTS = {
     "UR": ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
@@ -65,7 +68,7 @@ _NUMBERED_JOINTS = tuple(
         ("", None, "position"),
         ("", None, "q"),
         ("", None, "j|a|ax|joint|jnt|joint_?(?:angle|pos|position|value)s?|(?:joint|panda|fr3|iiwa)_[aj]"),
-        ("", None, "theta|th|θ|angle|winkel|axis|axe|achse|gelenk|articulacion|关节|关节角|轴"),
+        ("", None, "theta|th|θ|angle|winkel|axis|axe|achse|gelenk|articulacion|关节|关节角|轴|関節|軸"),
     )
 )
 
@@ -89,8 +92,10 @@ _INSTRUMENT = re.compile(
     r"photogrammetry|creaform|polyworks)"
 )
 _MEASURED = re.compile(r"meas|measured|measurement")
+_ACTUAL = re.compile(rf"actual|act|ist|{_MEASURED.pattern}")
 _STD = re.compile(r"u|s|std|sigma|unc|uncertainty|stdev")
-_AXIS = re.compile(r"(?P<before>[^\W\d_]*?)(?P<axis>[xyz])(?P<after>m|coord|pos)?")
+_CAPITAL_U = re.compile(r"(?<![^\W_])U(?![^\W_xyzXYZ])")  # of an expanded uncertainty (JCGM 100, 6.2)
+_AXIS = re.compile(r"(?P<before>[^\W\d_]*?)(?P<axis>[xyz])(?P<after>m|coord|pos|座標|坐标)?")
 _OF_ROS = re.compile(r"field\.|/")  # as rostopic and PlotJuggler begin names
 _QUATERNION = re.compile(r"(?:(?P<before>.*)_)?(?:q|quat|quaternion|orientation|rotation|rot)_?(?P<axis>[wxyz])")
 _MATRIX = re.compile(r"(?:r|rot|rotation|t|m|matrix)_?([0-4])_?([0-4])")
@@ -175,18 +180,23 @@ def split_unit(name: str, unit: str = "") -> tuple[str, str | None]:
     (('joint_1', 'deg'), ('tip_x', 'mm'), ('q_0', 'rad'))
     """
     text = unicodedata.normalize("NFC", name).casefold().strip().replace("º", "°")
-    known = canonical_unit(unit) or None
+    known = _unit_beside(text, unit)
     for pattern, is_name in (
         (r"(.*\S)\s*[\[({]\s*([^\[\](){}]*[^\[\](){}\d\s-])\s*[\])}]", False),
         (r"(.+?)\s*(?:[_\s/,.-]|\bin\b)+([^\W\d_]+|°c?)", True),
         (r"(.+\d)(°)", True),
     ):
         match = re.fullmatch(pattern, text)
-        behind = canonical_unit(match[2]) if match and match[1].strip("_ ") else None
+        behind = _unit_beside(text, match[2]) if match and match[1].strip("_ ") else None
         if match and behind and (behind in _UNITS_OF_NAMES or not is_name):
             text, known = match[1], known or behind
             break
     return re.sub(r"[\W_]+", "_", text).strip("_"), known
+
+
+def _unit_beside(text: str, written: str) -> str | None:
+    unit = canonical_unit(written) or None
+    return "deg" if unit == "grad" and _GERMAN.match(text) else unit
 
 
 def recognise_program_columns(
@@ -248,6 +258,8 @@ def recognise_program_columns(
         phrases["angles"] = program + _with_unit(_span(joints.columns), unit)
     if points := found.get("points"):
         phrases["points"] = _with_unit(f"points {', '.join(points)}", found["point_unit"])
+    if std := found.get("point_std"):
+        phrases["point_std"] = f"standard uncertainties {', '.join(std)}"
     if isinstance(found.get("position"), str):
         found["position"] = (found["position"],)
     for what in BESIDE:
@@ -419,6 +431,7 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
     own = {column.stem for column in free}
     of_controller = bool(of_angles) and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own or {"rx", "ry", "rz"} <= own)
     ranked: list[tuple[int, tuple[_Name, ...]]] = []
+    actual: list[tuple[_Name, ...]] = []
     for key, axes in groups.items():
         if len(axes) < 3:
             continue
@@ -436,6 +449,7 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
         elif not _words_match(_OTHER_QUANTITY, beside):
             of_instrument, measured = (_words_match(words, beside) for words in (_INSTRUMENT, _MEASURED))
             ranked.append((0 if of_instrument else 1 if measured else 2 if beside else 3, columns))
+            actual += [columns] * _words_match(_ACTUAL, beside)
     # An instrument's points go before those of others, measured ones before those without a word; where the angles are
     # called measured as well, that says nothing. Any others beside each other are asked.
     said_of_angles = any(_words_match(_MEASURED, stem) for stem in of_angles)
@@ -443,9 +457,13 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
     first = min((rank for rank, _ in ranked), default=0)
     points = [] if is_stated else [columns for rank, columns in ranked if rank in alike[first]]
     if len(points) > 1:
-        both = " and ".join(", ".join(_labels(columns)) for columns in points)
-        hint = f"--point {_argument(points[0])}"
-        found["no_points"] = InputError(f"two sets of columns may be the points: {both}", hint=hint)
+        sets = "; ".join(", ".join(_labels(columns)) for columns in points)
+        named = [columns for columns in points if columns in actual]
+        if len(named) != 1 or any(_words_match(_ACTUAL, stem) for stem in of_angles):
+            named = points
+        options = [f"--point {_argument(columns)}" for columns in named]
+        hint = options[0] if len(options) == 1 else f"{', or '.join(options)}: those that an instrument measured"
+        found["no_points"] = InputError(f"{len(points)} sets of columns may be the points: {sets}", hint=hint)
         points = []
     if points:
         stated = {column.unit for column in points[0]}
@@ -453,6 +471,12 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
         if unit is None and all(_OF_ROS.match(column.written) for column in points[0]):
             unit = "m"  # as ROS has it (REP 103)
         found |= {"points": _labels(points[0]), "point_unit": unit}
+        expanded = [name for name in found.get("point_std", ()) if _CAPITAL_U.search(name)]
+        if expanded:
+            remarks.append(
+                f"{', '.join(expanded)} are read as standard uncertainties; a capital U often is an expanded one "
+                "(k = 2). If so, halve them in the table."
+            )
     else:
         found.pop("point_std", None)
     own_pose = [column for column in free if re.fullmatch(r"(?:.*_)?(?:tcp_pose|o_t_ee)_?\d+", column.stem)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
@@ -620,10 +621,7 @@ def _tip_fields(
     lost = lost_targets(in_table) | (np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
     lost |= _said_lost(table, remarks)
     _name_frozen(table, points, lost, remarks)
-    if lost.any():
-        row = int(np.argmax(lost))
-        got = ", ".join(f"{v:g}" for v in in_table[row].tolist())
-        remarks.append(f"{_called(table, ~lost)}: {got} is no point (target lost); the reading has no point.")
+    _name_lost(table, in_table, lost, remarks)
     points = np.where(lost[:, None], np.nan, points)
     fields["points"] = points
     if columns.point_std:
@@ -642,6 +640,20 @@ def _said_lost(table: Table, remarks: list[str]) -> BoolArray:
             remarks.append(f"Column {name} says of {np.count_nonzero(said)} rows that their point was not seen.")
             lost |= said
     return lost
+
+
+def _name_lost(table: Table, points: FloatArray, lost: BoolArray, remarks: list[str]) -> None:
+    """Name the rows whose point is none by what they hold."""
+    rows, held = np.flatnonzero(lost), defaultdict[str, list[int]](list)
+    for row, point in zip(rows.tolist(), points[rows].tolist(), strict=True):
+        got = f"{', '.join(f'{v:g}' for v in point)} is no point"
+        half = 0 < np.count_nonzero(np.isnan(point)) < len(point)
+        what = "a coordinate is missing" if half else f"{got} (target lost)" if len({*point}) == 1 else "target lost"
+        held[what].append(row)
+    for what, those in held.items():
+        kept = np.ones(len(table), bool)
+        kept[those] = False
+        remarks.append(f"{_called(table, kept)}: {what}; the reading has no point.")
 
 
 def _name_frozen(table: Table, points: FloatArray, lost: BoolArray, remarks: list[str]) -> None:

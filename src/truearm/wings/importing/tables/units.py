@@ -6,7 +6,7 @@ import re
 
 # What is written (without case), by what it means.
 _WRITTEN = {
-    "deg": "deg degs degree degrees ° º",
+    "deg": "deg degs degree degrees ° º 度",
     "rad": "rad rads radian radians",
     "gon": "gon gons gradian gradians",
     "grad": "grad",  # degrees in German, gon in English
