@@ -130,7 +130,10 @@ def test_seats_and_lengths_alone(truearm, shop, tmp_path):
 def test_without_a_length_the_arm_keeps_its_nominal_size_and_a_remark_says_so(truearm, shop, tmp_path):
     ran = fit(truearm, shop, "seats.csv", tmp_path / "m.truearm", "--model", "kinematic")
     assert (ran.code, ran.err) == (0, "")
-    assert "No reference point and no length is known: the arm keeps its nominal size.\n" in ran.out
+    assert (
+        "No reference point and no length is known: the arm keeps its nominal size, as uncertain as its lengths.\n"
+        in ran.out
+    )
     told = json.loads(
         fit(truearm, shop, "seats.csv", tmp_path / "m.truearm", "--model", "kinematic", "--json").out
     )  # fmt: skip
@@ -151,7 +154,9 @@ def test_without_a_length_the_arm_keeps_its_nominal_size_and_a_remark_says_so(tr
         *("length_outliers", "frame_changes", "held_out_distances", "residual_process", "remarks", "accepted"),
     }
     assert told["length_outliers"] == told["comparison"] == []
-    assert told["remarks"] == ["No reference point and no length is known: the arm keeps its nominal size."]
+    assert told["remarks"] == [
+        "No reference point and no length is known: the arm keeps its nominal size, as uncertain as its lengths."
+    ]
 
 
 def test_a_wrong_length_is_refused_or_named_and_a_sphere_of_three_readings_is_ignored(truearm, shop, tmp_path):

@@ -13,8 +13,9 @@ from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import GroupedEquations
 from truearm.typing import FloatArray, IntArray
 
-# If no reference determines the size of the arm, it stays nominal, to this share.
-SIZE_STD = 1e-6
+# If no reference determines the size of the arm, the prior of its lengths does, and that no size is off by much more than
+# this share of the nominal one.
+SIZE_STD = 1e-2
 # The prior of an artefact's unknowns is wider than any workshop [mm, or 1].
 UNKNOWN_STD = 1e6
 

@@ -122,7 +122,7 @@ class LengthScale:
     def findings(self, arm: Arm) -> tuple[Finding, ...]:
         """What a person must know of a scale that an arm may have; nothing if it is none by its uncertainty."""
         is_said = abs(self.share) > max(SURE * self.u, LEAST_SAID) and not self.is_contradicted(arm)
-        said = f"All {self}: the arm is warm, or the scale of the reference is off."
+        said = f"All {self}: the arm is warm, or the reference (its scale, a stated length) is off."
         return (Finding("length scale", said, {"share": self.share, "u": self.u}),) if is_said else ()
 
     def __str__(self) -> str:

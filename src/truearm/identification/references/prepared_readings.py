@@ -257,7 +257,8 @@ def _findings(readings: Session, lengths: Lengths | None, frames: list[str]) -> 
         yield Finding("session frames", said, {"n": len(frames)})
     yield from bars_without_certificate(readings)
     if all(one is None for one in (readings.points, lengths, readings.sphere_distance, readings.distance_mm)):
-        yield Finding("size", "No reference point and no length is known: the arm keeps its nominal size.")
+        said = "the arm keeps its nominal size, as uncertain as its lengths"
+        yield Finding("size", f"No reference point and no length is known: {said}.")
 
 
 def with_rounded_angles(state: ArmState) -> ArmState:
