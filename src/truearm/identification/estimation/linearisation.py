@@ -13,8 +13,7 @@ from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import GroupedEquations
 from truearm.typing import FloatArray, IntArray
 
-# If no reference determines the size of the arm, the prior of its lengths does, and that no size is off by much more than
-# this share of the nominal one.
+# If no reference determines the size of the arm, the prior of its lengths does; it is hardly off by more than this.
 SIZE_STD = 1e-2
 # The prior of an artefact's unknowns is wider than any workshop [mm, or 1].
 UNKNOWN_STD = 1e6
