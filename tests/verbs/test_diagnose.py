@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from refusals import refuses
-from truearm.arm import write_arm
+from truearm.arm import chain_from_dh, write_arm
 from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
 from truearm.readings import Session, write_lengths, write_session
@@ -62,6 +62,43 @@ def test_equal_poses_show_nothing(readings):
 def test_no_explanation_is_said(readings, rng):
     lost = replace(readings, points=rng.uniform(-500, 500, readings.points.shape))
     assert ta.diagnose("gao2017", lost.rows(np.arange(12))).summary().startswith("No known mistake explains")
+
+
+@pytest.mark.parametrize("joint", [3, 4])
+def test_it_names_what_the_refusal_of_a_fit_names(readings, joint):
+    """A reversed sign beside zeros that are off by degrees: neither alone explains the readings."""
+    sign = np.where(np.arange(6) == joint - 1, -1.0, 1.0)
+    wrong = replace(readings, angles=sign * readings.angles + np.radians([0, 8, -9, 7, 8, 0]))
+    caught = refuses("misses its references", ta.fit, "gao2017", wrong, model="kinematic")
+    assert f"put this right: sign of J{joint} reversed (" in caught.hint
+    diagnosis = ta.diagnose("gao2017", wrong)
+    assert diagnosis.summary().startswith(f"sign of J{joint} reversed: ")
+    assert "contradicted" not in [row for row in str(diagnosis).splitlines() if row.startswith("sign of J")][1]
+
+
+def test_a_horn_that_is_far_off_is_a_zero_to_add(rng):
+    """Beyond an eighth of a turn, where the other constants of the arm are right: both say what to add."""
+    chain = chain_from_dh(
+        a=[0, 150, 140, 0],
+        d=[95, 0, 0, 0],
+        alpha=np.radians([90, 0, 0, -90]),
+        theta=np.zeros(4),
+        tip_in_flange=[80, 0, 0],
+    )
+    arm, angles = ta.Arm("printed", chain), rng.uniform(-1.2, 1.2, (60, 4))
+    points = chain.tip_in_base(angles + np.radians([0, 0, -51, 0])) + rng.normal(0, 0.5, (60, 3))
+    wrong = Session(angles, points)
+    caught = refuses("a zero is off by more than 45 deg, and its other constants", ta.fit, arm, wrong)
+    assert "in the arm file, add to their theta: J3 -5" in caught.hint
+    assert "nominal_error_mm" not in caught.hint
+    assert ta.diagnose(arm, wrong).summary().startswith("Zeros of joints are off: add to their theta: J3 -5")
+    result = ta.fit(arm, wrong, model="kinematic", accept="the horn of J3 was turned")
+    assert result.held_out_mm[0] < 2 * 0.5 * np.sqrt(3)  # the noise
+
+
+def test_a_factor_of_all_angles_is_said(readings):
+    factored = replace(readings, angles=1.03 * readings.angles)
+    assert ta.diagnose("gao2017", factored).summary().startswith("All joints turn by 0.971 times their stated angles")
 
 
 def test_too_few_readings_are_refused(readings):

@@ -33,6 +33,8 @@ ARM_UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4}
 POINT_UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4, "ft": 304.8, "um": 1e-3}
 # What is read as degrees was divided by 57.3.
 _ANGLE_UNITS = ((180 / np.pi, "in rad, stated in deg"), (np.pi / 180, "in deg, stated in rad"))
+# 400 gon are a turn. Of a single joint that factor is the gain of a servo, which readings show.
+_GON = ((0.9, "in gon, stated in deg"), (1 / 0.9, "in deg, stated in gon"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +278,7 @@ def _of_all_angles(arm: Arm) -> Iterator[Mistake]:
     if not slides.any():
         yield Mistake("joints in reverse order", _of_stated_angles(np.eye(n)[::-1]), "order")
     yield Mistake("signs of all joints reversed", _of_stated_angles(-np.eye(n)), "all signs")
-    for factor, says in _ANGLE_UNITS:
+    for factor, says in (*_ANGLE_UNITS, *_GON):
         yield Mistake(f"all angles are {says}", _of_stated_angles(_scaled(n, turning, factor)), "all units")
 
 

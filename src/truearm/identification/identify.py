@@ -59,7 +59,7 @@ from truearm.identification.judgement.gross_errors import (
     own_variance,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
-from truearm.identification.judgement.joint_gains import gains_asked, identified_gains
+from truearm.identification.judgement.joint_gains import common_gain, gains_asked, identified_gains, refuse_common_gain
 from truearm.identification.judgement.joint_signs import signs_not_shown, unshown_signs, with_unshown_signs
 from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance
 from truearm.identification.judgement.missing_terms import (
@@ -270,6 +270,21 @@ def place_without_gross_errors(readings: PreparedReadings) -> Found:
     return estimate_without_gross_errors(readings, terms, Start(weights))
 
 
+def compare_with_nominal(readings: PreparedReadings, nominal: IdentificationResult) -> NominalCheck:
+    """Compare the error of the nominal arm, placed as `nominal`, with the usual one; see `check_nominal_arm`."""
+    references = [without_sizes(reference) for reference in readings.references]
+    return check_nominal_arm(
+        readings.arm,
+        nominal,
+        readings.state,
+        references,
+        constants(readings.arm.chain, free=readings.free),
+        partial(_identify_terms, readings, references=references),
+        readings.table,
+        readings.free,
+    )
+
+
 def judge_description(readings: PreparedReadings, nominal: IdentificationResult) -> NominalCheck:
     """Refuse readings that no arm of these kinematics, placed as `nominal`, can have made: a wrong unit, sign or arm.
 
@@ -281,16 +296,8 @@ def judge_description(readings: PreparedReadings, nominal: IdentificationResult)
     every = constants(readings.arm.chain, free=readings.free)
     references = [without_sizes(reference) for reference in readings.references]
     check_scale(readings.measured, nominal.tips(readings.state))
-    check = check_nominal_arm(
-        readings.arm,
-        nominal,
-        readings.state,
-        references,
-        every,
-        partial(_identify_terms, readings, references=references),
-        readings.table,
-        readings.free,
-    )
+    check = compare_with_nominal(readings, nominal)
+    refuse_common_gain(check.common_gain, readings.measured)
     refuse_implausible(check, readings.arm, readings.measured, nominal.tips(readings.state))
     if not readings.frames:  # else the axes of a session are not those of its file
         check = replace(check, axis_scale=axis_scale(nominal, readings.state, references, every))
@@ -584,6 +591,7 @@ def _concluded(
 ) -> Identification:
     """What identified terms are worth: steps 4 and 5."""
     fit, held_out = found
+    refuse_common_gain(common_gain(fit), readings.measured)
     is_excluded = np.isin(held_out.rows, excluded_readings(fit))
     kept, distances = held_out.select(~is_excluded), NONE_HELD_OUT
     if held_out.n_coordinates > 1 and any(part.kind == "distance" for part in readings.references):

@@ -10,14 +10,17 @@ from truearm.arm.arm import Arm
 from truearm.arm.description_mistakes import mended_arm
 from truearm.errors import InputError
 from truearm.findings import format_mm
+from truearm.identification.identify import compare_with_nominal, place
 from truearm.identification.judgement.description_check import (
     DescriptionCheck,
     Explanation,
     check_description,
     likelier_arm,
 )
+from truearm.identification.judgement.nominal_check import NominalCheck
+from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reference_table import LEAST_READINGS, MOST_READINGS, reference_table
-from truearm.readings import Lengths, read_lengths
+from truearm.readings import Lengths, Session, read_lengths
 from truearm.readings.checks import check_angles
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_free_parts, to_session
@@ -85,10 +88,21 @@ def diagnose(
             file=given.file,
             hint="add columns x_mm, y_mm, z_mm, or a column seat with the names of seats",
         )
-    check = check_description(nominal, table)
+    judged = _as_fit_judges(nominal, given, known, parts)
+    check = judged.description if judged is not None else None
+    check = check or check_description(nominal, table)
     if not check.findings and (other := likelier_arm(nominal, table)) is not None:
         check = replace(check, findings=(other,))
-    return Diagnosis(nominal, check, n_given=len(given))
+    return Diagnosis(nominal, check, n_given=len(given), judged=judged)
+
+
+def _as_fit_judges(arm: Arm, session: Session, lengths: Lengths | None, free: tuple[str, ...]) -> NominalCheck | None:
+    """How `fit` judges the nominal arm; None where it refuses the readings for another reason."""
+    try:
+        readings = PreparedReadings.of(arm, session, lengths, free=free, robust=True)
+        return compare_with_nominal(readings, place(readings))
+    except InputError:
+        return None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,11 +117,14 @@ class Diagnosis(TableRecord):
         The arm as stated, the mistakes that explain the readings, and the next likely ones.
     n_given : int
         Number of readings of the session.
+    judged : NominalCheck or None
+        How `fit` judges the nominal arm: what its constants and gains of its joints explain.
     """
 
     arm: Arm
     check: DescriptionCheck
     n_given: int
+    judged: NominalCheck | None = None
 
     def mended_arm(self) -> Arm:
         """The arm without the mistake that was found. `truearm.arm.write_arm` writes it.
@@ -145,6 +162,9 @@ class Diagnosis(TableRecord):
                 f"No mistake in the arm file: {sagging}. It misses {of} by {format_mm(stated.error_mm)} as stated, and "
                 f"by {format_mm(sagging.error_mm)} with that: --model physical identifies it."
             )
+        beside = None if self.judged is None else self.judged.beside_mistakes
+        if beside is not None:
+            return f"{beside}. As stated the arm misses {of} by {format_mm(stated.error_mm)}."
         return (
             f"No known mistake explains the readings: the arm misses {of} by {format_mm(stated.error_mm)}, and arms "
             f"like it miss by up to {format_mm(stated.usual_mm)}."

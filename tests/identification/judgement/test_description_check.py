@@ -108,6 +108,7 @@ CHANGES = {
         s, angles=s.angles + s.angles[:, [1]] * (np.arange(6) == 2)
     ),
     "all angles are in rad, stated in deg": lambda s: replace(s, angles=np.radians(s.angles)),
+    "all angles are in gon, stated in deg": lambda s: replace(s, angles=s.angles / 0.9),
     "J5 is in rad, stated in deg": lambda s: replace(
         s, angles=np.where(np.arange(6) == 4, np.radians(s.angles), s.angles)
     ),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import chain_from_dh
 from truearm.identification.judgement.joint_gains import identified_gains
 from truearm.identification.references.prepared_readings import PreparedReadings
@@ -96,6 +97,51 @@ def test_joints_that_give_way_have_no_gains_in_a_model_that_bends():
 def test_a_measuring_arm_has_none(preset):
     session = ta.simulate("gao2017", poses=60, preset=preset, seed=2, strategy="uniform").session
     assert not has_gains(ta.KinematicModel(ta.load_arm("gao2017")).fit_readings(session))
+
+
+ALL_JOINTS = "all joints turn by {} times their stated angles: that is a unit or a factor of all angles"
+
+
+@pytest.mark.parametrize(
+    ("factor", "hint"),
+    [
+        (0.9, "the angles may be in gon, 400 a turn: truearm import --angle-unit gon"),
+        (1 / 0.9, "the angles may be in deg, stated in gon: truearm import --angle-unit deg"),
+        (1 / 1.02, "multiplied by 0.980 they fit the drawing"),
+        (1 / 0.985, "multiplied by 1.015 they fit the drawing"),  # the nominal arm misses by what arms may miss
+    ],
+)
+def test_one_gain_of_all_joints_is_no_gain_of_servos(factor, hint):
+    arm = replace(ta.load_arm("ur10"), lower=None, upper=None)
+    session = ta.simulate(arm, poses=60, preset="research", seed=2, strategy="uniform").session
+    scaled = ta.Session(session.angles / factor, session.points)
+    caught = refuses(ALL_JOINTS.format(f"{factor:.3f}"), ta.KinematicModel(arm).fit_readings, scaled)
+    assert hint in caught.hint
+    assert ("gon" in hint) == ("gon" in caught.hint)
+    with ta.accepting("the encoder is of another gear"):
+        assert has_gains(ta.KinematicModel(arm).fit_readings(scaled))
+
+
+def test_gon_are_named_by_the_doctor_and_refused_by_a_fit_without_gains():
+    session = ta.simulate("gao2017", poses=20, preset="research", seed=2, strategy="uniform").session
+    in_gon = ta.Session(session.angles / 0.9, session.points)
+    assert str(ta.diagnose("gao2017", in_gon)).startswith("all angles are in gon, stated in deg: ")
+    refuses(ALL_JOINTS.format("0.900"), ta.fit, "gao2017", in_gon, model="nominal")
+
+
+@pytest.mark.parametrize(
+    "gain",
+    [
+        [0.012, 0.03, 0.02, 0.005, 0.025],  # all of one sign
+        [0.02, 0.02, 0.02, 0.028, 0.012],  # as servos of one make
+        [0.03, 0.03, -0.03, 0.03, 0.03],  # one is mounted the other way round
+    ],
+)
+def test_servos_that_differ_are_fitted(gain):
+    arm, training, test = readings(np.array(gain))
+    model = ta.KinematicModel(arm).fit_readings(training)
+    assert has_gains(model)
+    assert mean_error(model, test) < NOISE_MM
 
 
 def test_gains_are_of_joints_that_turn_and_moved():

@@ -61,6 +61,13 @@ TIP_MM = 30.0
 WIDE_OTHERS, WIDE_ZEROS = (1.0, 5.0), (10.0, 58.0)
 # Multiple of what the arm leaves with its constants identified that a mistake may leave where noise is large.
 MAX_TO_IDENTIFIED = 1.5
+# Share of the reach that noise may have. The poorest camera has 0.06 (10 mm a coordinate on an arm of 300 mm); points
+# of other poses, in the order of other readings, have 0.2 or more if they are spread over the workspace.
+MAX_NOISE = 0.1
+# Share of the squared distance that a mistake explains which leaves more than that: a reversed sign beside zeros that
+# are off by 10 degrees 0.93 or more; of points at random what draws all tips together, as of a joint that stands still
+# in another unit, explains up to 0.85.
+LEAST_BESIDE_OTHERS = 0.9
 # Share of the squared distance of readings held out that a mistake explains at least.
 LEAST_EXPLAINED = 0.5
 # The same where it is another arm, of which nothing but the name need be wrong: it misses by less than half. Odds say
@@ -211,12 +218,13 @@ def check_description(arm: Arm, table: ReferenceTable, identified: Chain | None 
         rivals += _judged([as_stated, as_stated._replace(sags=True)], table, len(mistakes))[1:]
         if identified is not None:
             rivals += _as_identified(arm, stated, identified, table, len(mistakes))
-    check = _decided(judged, table, 1 + len(single), rivals)
+    most_noise_mm = MAX_NOISE * arm.chain.reach
+    check = _decided(judged, table, 1 + len(single), rivals, most_noise_mm)
     if check.findings or check.stated.is_plausible:
         return check
     pairs = _screened_pairs(mistakes, stated, table)
     judged += [one for one in _judged([as_stated, *pairs], table, len(mistakes)) if one.mistakes]
-    return _decided(judged, table, 1 + len(single) + len(pairs), rivals)
+    return _decided(judged, table, 1 + len(single) + len(pairs), rivals, most_noise_mm)
 
 
 @one_blas_thread()
@@ -292,11 +300,15 @@ def _judged(hypotheses: Sequence[_Hypothesis], table: ReferenceTable, n_mistakes
 
 
 def _decided(
-    judged: Sequence[Explanation], table: ReferenceTable, n_tried: int, rivals: Sequence[Explanation]
+    judged: Sequence[Explanation],
+    table: ReferenceTable,
+    n_tried: int,
+    rivals: Sequence[Explanation],
+    most_noise_mm: float,
 ) -> DescriptionCheck:
     stated, others = judged[0], sorted(judged[1:], key=lambda one: -one.log_odds)
     findings: list[Explanation] = []
-    if others and not stated.is_usual and _explains(others[0], rivals):
+    if others and not stated.is_usual and _explains(others[0], rivals, most_noise_mm):
         likely = [one for one in others if one.log_odds > others[0].log_odds - VERY_STRONG]
         findings = [one for one in likely if one.explained >= LEAST_EXPLAINED]
     rest = [one for one in others if one not in findings]
@@ -306,12 +318,15 @@ def _decided(
     )
 
 
-def _explains(best: Explanation, rivals: Sequence[Explanation]) -> bool:
+def _explains(best: Explanation, rivals: Sequence[Explanation], most_noise_mm: float) -> bool:
     """Whether a mistake is very strongly the better explanation, also than constants that were identified or weight."""
     if not best.is_clear or best.log_odds - max((one.log_odds for one in rivals), default=0.0) < VERY_STRONG:
         return False
     identified = [one for one in rivals if not one.mistakes]
-    return best.is_plausible or any(best.error_mm <= MAX_TO_IDENTIFIED * one.error_mm for one in identified)
+    may_leave_that = best.error_mm <= most_noise_mm or best.explained >= LEAST_BESIDE_OTHERS
+    return best.is_plausible or (
+        may_leave_that and any(best.error_mm <= MAX_TO_IDENTIFIED * one.error_mm for one in identified)
+    )
 
 
 def constants_between(stated: Interpretation, identified: Interpretation) -> FloatArray:

@@ -38,13 +38,14 @@ from truearm.identification.estimation.linearisation import eliminate_unknowns, 
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.axis_scale import AxisScale
 from truearm.identification.judgement.description_check import (
+    MAX_NOISE,
     VERY_STRONG,
     DescriptionCheck,
     Explanation,
     check_description,
     likelier_arm,
 )
-from truearm.identification.judgement.joint_gains import gains_asked
+from truearm.identification.judgement.joint_gains import common_gain, gains_asked
 from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance, refuse_wrong_scale
 from truearm.identification.judgement.outliers import constraint_residuals
 from truearm.identification.judgement.structure import UNKNOWN, Remaining, remaining
@@ -90,12 +91,15 @@ class IdentifiedConstants:
         The constant that differs most, compared with what is credible, and by how much.
     share : float
         Its size over the largest credible one.
+    are_zeros : bool
+        Whether all that are larger than credible are zeros of turning joints: horns or encoders mounted otherwise.
     """
 
     zeros: dict[str, tuple[float, float]]
     largest: str
     share: float
     slides: tuple[str, ...] = ()
+    are_zeros: bool = False
 
     @property
     def are_credible(self) -> bool:
@@ -120,29 +124,38 @@ class IdentifiedConstants:
         value = float(changes[worst])
         size = f"{np.degrees(value):+.3g} deg" if name in ANGLES else f"{value:+.3g} mm"
         largest, share = f"{name} of {joint} {size}", float(shares[worst])
+        others = shares.copy()
+        others[zeros[~slides]] = 0.0
+        are_zeros = share > 1 >= others.max()
         for place, off in _displacements(fit, arm, free).items():
             if (of_place := off / (MAX_LENGTH * arm.chain.reach)) > share:
                 largest, share = f"the {place}, which is stated to be known, {off:.3g} mm", of_place
+                are_zeros = False
         least = np.maximum(np.where(slides, NAMED_SLIDE_ZERO, NAMED_ZERO), SURE * std[zeros])
         named = {
             arm.joint_names[i]: (float(changes[zeros[i]]), float(std[zeros[i]]))
             for i in np.flatnonzero(np.abs(changes[zeros]) >= least).tolist()
         }
         sliding = tuple(arm.joint_names[i] for i in np.flatnonzero(slides).tolist())
-        return cls(named, largest, share, sliding)
+        return cls(named, largest, share, sliding, are_zeros)
 
     def __str__(self) -> str:
         if not self.zeros:
             return f"The largest difference is {self.largest}: correct the arm file if it is wrong there."
+        return (
+            f"Zeros of joints are off, add {self.added_zeros}; `truearm fit ... --apply my-arm.toml` writes a new "
+            "arm file with them."
+        )
+
+    @property
+    def added_zeros(self) -> str:
+        """What is to be added to the zeros, in words."""
         turning = ", ".join(
             f"{j} {_with_u(np.degrees(zero), 'deg')}" for j, zero in self.zeros.items() if j not in self.slides
         )
         sliding = ", ".join(f"{j} {_with_u(zero, 'mm')}" for j, zero in self.zeros.items() if j in self.slides)
         of = [f"to their {name}: {zeros}" for name, zeros in (("theta", turning), ("d", sliding)) if zeros]
-        return (
-            f"Zeros of joints are off, add {' and '.join(of)}; `truearm fit ... --apply my-arm.toml` writes a new "
-            "arm file with them."
-        )
+        return " and ".join(of)
 
 
 def _with_u(stated: Sequence[float] | FloatArray, unit: str) -> str:
@@ -183,9 +196,6 @@ MAX_RATIO = 2.0
 # of 10 mm too; printed ones with backlash and soft links 0.25 to 0.45, a wrong sign or order that moves the tip 5.6 and
 # more (`python -m benchmarks judgement printed contradicted`).
 MAX_STRUCTURE = 2.0
-# Share of the reach that noise may have. The poorest camera has 0.06 (10 mm a coordinate on an arm of 300 mm); points
-# of other poses, in the order of other readings, have 0.2 or more if they are spread over the workspace.
-MAX_NOISE = 0.1
 # Share of the root mean square distance of the points from their mean that noise may have: it counts where they are
 # close together. In a cube of 220 mm points in the order of other readings have 0.79 to 0.87 of it, a camera of 10 mm a
 # coordinate 0.11 to 0.15, and one of 20 mm 0.20 to 0.28 (ur10 and gao2017, 28 poses).
@@ -235,6 +245,8 @@ class NominalCheck:
         An arm with a similar name whose drawing explains the readings far better.
     axis_scale : AxisScale or None
         By what share one axis of the reference is longer than the others; None without points in one frame.
+    common_gain : float or None
+        By what share all joints turn further than stated, where they do so alike.
     """
 
     error_mm: float
@@ -247,6 +259,7 @@ class NominalCheck:
     length_scale: LengthScale | None = None
     other_arm: Explanation | None = None
     axis_scale: AxisScale | None = None
+    common_gain: float | None = None
 
     @property
     def ratio(self) -> float:
@@ -271,10 +284,30 @@ class NominalCheck:
             return False
         if self.is_usual or self.sagging is not None:
             return True
+        return self.leaves_noise and not self.is_mistaken and (self.identified is None or self.identified.are_credible)
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether the identified constants leave no more than noise."""
         left = self.left
         has_structure = left.structure_mm > MAX_STRUCTURE * self.usual_mm and left.log_odds >= VERY_STRONG
-        is_noise = left.noise_mm <= self.most_noise_mm and not has_structure
-        return is_noise and not self.is_mistaken and (self.identified is None or self.identified.are_credible)
+        return left.noise_mm <= self.most_noise_mm and not has_structure
+
+    @property
+    def far_zeros(self) -> str | None:
+        """What is to be added to zeros that are further off than credible, where that explains the readings."""
+        found = self.identified
+        is_shown = found is not None and found.are_zeros and self.leaves_noise and not self.is_mistaken
+        return f"add {found.added_zeros} ({self.left.distance_mm:.2g} mm remain)" if found and is_shown else None
+
+    @property
+    def beside_mistakes(self) -> str | None:
+        """What explains the readings where no mistake of the list does, in words."""
+        if self.common_gain is not None:
+            return (
+                f"All joints turn by {1 + self.common_gain:.3f} times their stated angles: check their unit or factor"
+            )
+        return None if self.far_zeros is None else f"Zeros of joints are off: {self.far_zeros}"
 
     @property
     def is_mistaken(self) -> bool:
@@ -375,6 +408,7 @@ def check_nominal_arm(
         most_noise_mm=MAX_RATIO * check.usual_mm if hidden else most_noise(placed, state, arm.chain.reach),
         description=None if table is None else check_description(arm, table, fit.chain),
         length_scale=LengthScale.of(fit, freedom, reference_variance=variance),
+        common_gain=common_gain(fit),
     )
 
 
@@ -469,6 +503,15 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements, ti
         return
     if check.length_scale is not None and check.length_scale.is_contradicted(arm) and not check.is_mistaken:
         refuse_wrong_scale(check.length_scale, arm, readings, None)
+        return
+    if (zeros := check.far_zeros) is not None:
+        readings.contradict(
+            f"the nominal arm {arm.name!r} misses its references by {check.error_mm:.4g} mm at one reading of four, "
+            f"where arms like it miss by {check.usual_mm:.2g} mm: a zero is off by more than {np.degrees(MAX_ZERO):g} "
+            "deg, and its other constants are right",
+            hint=f"in the arm file, {zeros}; or shift the angles (truearm import --zero): a servo horn or an encoder "
+            "is mounted otherwise than drawn",
+        )
         return
     why, remedy = "", None if check.description is None else check.description.remedy(readings.file)
     if check.identified is not None:
