@@ -377,3 +377,10 @@ def test_other_files_are_refused(tmp_path):
 @pytest.mark.parametrize(("value", "message"), [("9" * 5000, "not valid TOML"), ("1e30", "check their units")])
 def test_absurd_numbers_are_refused(tmp_path, value, message):
     refuses(message, read_arm, write(tmp_path, changed("a_mm = 400", f"a_mm = {value}")))
+
+
+def test_angles_of_a_frame_are_written_without_rounding(tmp_path):
+    """What a composition of rotations leaves, such as -8.3e-32 deg, is no angle."""
+    text = GOOD + "[base]\nxyz_mm = [1, 2, 3]\nrpy_deg = [0, 0, -8.3e-32]\n"
+    write_arm(read_arm(write(tmp_path, text)), tmp_path / "new.toml")
+    assert "rpy_deg = [0.0, 0.0, 0.0]" in (tmp_path / "new.toml").read_text("utf-8")

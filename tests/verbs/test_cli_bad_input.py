@@ -121,6 +121,17 @@ def test_a_file_that_is_no_table(refused, bench, content, phrase):
     refused(FIT, "s.csv", phrase)
 
 
+def test_a_workbook_is_no_model_and_a_table_no_damaged_one(refused, bench):
+    with zipfile.ZipFile(bench / "s.csv", "w") as workbook:
+        workbook.writestr("[Content_Types].xml", "<Types/>")
+    refused(PREDICT, "s.csv", "expected text (CSV), got a spreadsheet or zip", "truearm import TABLE --out session.csv")
+    refused([*PREDICT[:1], "s.csv", *PREDICT[2:]], "s.csv", "got a zip archive without model.json", "Try: give a file")
+    refused(("compare", "kinematic.truearm", "angles.csv"), "angles.csv: expected a model file, got another kind of")
+    whole = (bench / "kinematic.truearm").read_bytes()
+    (bench / "cut.truearm").write_bytes(whole[:1000])
+    refused(("compare", "kinematic.truearm", "cut.truearm"), "cut.truearm", "got a damaged one", "Try: write it again")
+
+
 def test_a_missing_file_and_a_folder(refused, bench):
     (bench / "folder.csv").mkdir()
     for name, phrase in (("none.csv", "does not exist"), ("folder.csv", "got a folder")):

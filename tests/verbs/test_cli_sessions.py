@@ -35,3 +35,22 @@ def test_a_file_of_two_sessions_is_learned_from_and_found_again(truearm, made, t
     assert again.code != 0
     assert "refit identifies one frame" in again.err
     assert "truearm split --by session" in again.err
+
+
+def test_names_that_a_model_without_names_cannot_compare_are_said(truearm, made, tmp_path):
+    """Points of the old stylus, or in the frame of another day, look as good as any."""
+    truearm("fit", made / "session.csv", "--arm", "gao2017", "--model", "kinematic", "--out", tmp_path / "m").done()
+    table, known = pd.read_csv(made / "angles.csv"), made / "kinematic.truearm"  # its base is known
+
+    def predicted(model, **names):
+        table.assign(**names).to_csv(tmp_path / "s.csv", index=False)
+        return truearm("predict", model, tmp_path / "s.csv", "--out", tmp_path / "p.csv").done().out
+
+    assert (
+        predicted(tmp_path / "m", tip="long").count("The readings are of the tip long, and the tip of the model") == 1
+    )
+    assert (
+        predicted(tmp_path / "m", session="May").count("The readings are of session May, and the model knows no") == 1
+    )
+    assert "The readings are of 2 sessions" in predicted(tmp_path / "m", session=["May", "June"] * (len(table) // 2))
+    assert "The readings are of " not in predicted(tmp_path / "m") + predicted(known, session="May")

@@ -397,7 +397,7 @@ def _frame_lines(key: str, frame: FloatArray) -> Iterator[str]:
     if (frame == np.eye(4)).all():
         return
     xyz, rpy = xyz_rpy_from_frame(frame)
-    yield from ("", f"[{key}]", f"xyz_mm = {_listed(xyz)}", f"rpy_deg = {_listed(np.rad2deg(rpy))}")
+    yield from ("", f"[{key}]", f"xyz_mm = {_listed(xyz)}", f"rpy_deg = [{', '.join(map(_plain_deg, rpy))}]")
 
 
 def _plain(number: float) -> str:

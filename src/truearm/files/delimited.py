@@ -35,10 +35,11 @@ MAX_BYTES = 2**29
 # Rows that are converted together: few enough to stay in the cache, many enough to be fast.
 _CHUNK = 500
 
+_OF_WORKBOOKS = "export the sheet as CSV; of readings, truearm import TABLE --out session.csv"
 # Files that people offer instead of text, by how they begin.
 _FOREIGN = {
-    b"PK\x03\x04": ("a spreadsheet or zip file", "export the sheet as CSV"),
-    b"\xd0\xcf\x11\xe0": ("an old spreadsheet (.xls)", "export the sheet as CSV"),
+    b"PK\x03\x04": ("a spreadsheet or zip file", _OF_WORKBOOKS),
+    b"\xd0\xcf\x11\xe0": ("an old spreadsheet (.xls)", _OF_WORKBOOKS),
     b"\x1f\x8b": ("a gzip file", "unpack it first"),
     b"%PDF": ("a PDF", "export the numbers as CSV"),
     b"\x89HDF": ("an HDF5 file", "export the numbers as CSV"),

@@ -73,6 +73,9 @@ MAX_HEADER_BYTES = 16 * 2**20
 MAX_ARRAYS = 10_000
 # Arrays in which numbers may be missing or infinite, by the ends of their names.
 NOT_FINITE = (".lower", ".upper", *(f".{field.name}" for field in fields(TrainingRecord)))
+# Bytes from which a model file is told from other archives: the header of a member, and its name.
+MODEL_BEGINS = 40
+KIND_HINT = "give a file that truearm fit ... --out MODEL or model.save(MODEL) wrote"
 WRITE_HINT = "write it again: truearm fit ... --out MODEL, or model.save(MODEL)"
 
 Array = npt.NDArray[Any]
@@ -157,6 +160,11 @@ def model_bytes(model: SavedModel) -> bytes:
     return content_of_file.getvalue()
 
 
+def begins_as_model(head: bytes) -> bool:
+    """Whether the first `MODEL_BEGINS` bytes of a file are those of a model file."""
+    return head.startswith(b"PK") and head.endswith(b"model.json")
+
+
 def read_archive(path: str | Path) -> tuple[Header, dict[str, Array]]:
     """The content of a model file, each part checked alone.
 
@@ -173,9 +181,9 @@ def read_archive(path: str | Path) -> tuple[Header, dict[str, Array]]:
             if surplus := set(archive.namelist()) - {"model.json", *(f"{name}.npy" for name in arrays)}:
                 raise InputError(f"expected only what model.json lists, got also {sorted(surplus)[:3]}")
     except (zipfile.BadZipFile, EOFError, OSError, RuntimeError, NotImplementedError) as error:
-        raise InputError(
-            f"expected a model file, got something else or a damaged one ({error})", file=path, hint=WRITE_HINT
-        ) from None
+        if not begins_as_model(content[:MODEL_BEGINS]):
+            raise InputError("expected a model file, got another kind of file", file=path, hint=KIND_HINT) from None
+        raise InputError(f"expected a model file, got a damaged one ({error})", file=path, hint=WRITE_HINT) from None
     return header, arrays
 
 
@@ -377,7 +385,7 @@ def _read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
 def _read_header(archive: zipfile.ZipFile) -> Header:
     names = archive.namelist()
     if "model.json" not in names:
-        raise InputError("expected a model file, got a zip archive without model.json", hint=WRITE_HINT)
+        raise InputError("expected a model file, got a zip archive without model.json", hint=KIND_HINT)
     if len(names) > MAX_ARRAYS + 1 or len(set(names)) != len(names):
         raise InputError("the archive has more files than a model file may, or one twice")
     try:

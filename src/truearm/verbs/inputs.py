@@ -10,7 +10,6 @@ from dataclasses import replace
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
-from zipfile import is_zipfile
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from truearm.identification.references.tips import tip_names
 from truearm.models import Compensator
 from truearm.models.compensator import FREE_PARTS, CheckedReadings
 from truearm.models.identified_model import to_identified
-from truearm.models.model_archive import model_bytes
+from truearm.models.model_archive import MODEL_BEGINS, begins_as_model, model_bytes
 from truearm.models.model_file import load_model
 from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import Lengths, Session, check_reach, has_reference, point_errors, read_lengths, read_session
@@ -151,8 +150,11 @@ def of_file(findings: Iterable[Finding], file: Path | None) -> tuple[Finding, ..
 
 
 def is_model_file(path: str | Path) -> bool:
-    """Whether a file begins as model files do."""
-    return Path(path).is_file() and is_zipfile(path)
+    """Whether a file begins as model files do, and not as other archives, such as workbooks."""
+    if not Path(path).is_file():
+        return False
+    with Path(path).open("rb") as file:
+        return begins_as_model(file.read(MODEL_BEGINS))
 
 
 def to_model(model: object) -> Compensator:

@@ -190,7 +190,27 @@ def _reading_findings(model: Compensator, readings: Session) -> tuple[Finding, .
         *check_angles_fit(readings, model.arm),
         *findings_of("angles", doubt_about_angles(model.training_, read.angles, model.arm_.chain.is_prismatic)),
         *payload_findings(model.training_, readings),
+        *_name_findings(model, readings),
     )
+
+
+def _name_findings(model: Compensator, readings: Session) -> Iterator[Finding]:
+    """That readings name a tip or sessions, where the model has one without a name and cannot compare them."""
+    if readings.tip is not None and not model.tips_:
+        yield Finding(
+            "tips",
+            f"The readings are of the tip {readings.tip[0]}, and the tip of the model has no name: the points are of "
+            "the tip in its training. If it is another one: truearm refit MODEL SESSION --free tip.",
+        )
+    if readings.session is not None and not model.session_frames_ and "base" in model.free_:
+        names = list(dict.fromkeys(filter(None, readings.session.tolist())))
+        if names:
+            which = f"session {names[0]}" if len(names) == 1 else f"{len(names)} sessions"
+            yield Finding(
+                "session frames",
+                f"The readings are of {which}, and the model knows no sessions: the points are in the frame of its "
+                "training. If base or reference were moved: truearm refit MODEL SESSION --free base.",
+            )
 
 
 def _total_mm2(covariances: FloatArray) -> float:

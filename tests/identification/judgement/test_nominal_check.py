@@ -11,7 +11,7 @@ from truearm.arm import Arm, Chain, load_arm
 from truearm.arm.arm_files import read_arm, write_arm
 from truearm.errors import InputError
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.nominal_check import MAX_RATIO, usual_error
+from truearm.identification.judgement.nominal_check import MAX_RATIO, IdentifiedConstants, usual_error
 from truearm.identification.references.reading_references import check_spread, references_of, state_of
 from truearm.identification.terms import constants
 from truearm.models import KinematicModel, NominalModel, load_model
@@ -289,3 +289,14 @@ def test_a_transfer_refuses_them_too(session):
     moved = replace(session, points=session.points + [100.0, 50.0, 0.0])
     assert refit(model, with_zero(moved, 4, 5.0)).nominal_check_.is_usual
     refuses(REFUSED, refit, model, with_sign(with_zero(moved, 4, 5.0), 6))
+
+
+def test_constants_that_do_not_differ_are_not_named():
+    """Rounding, such as theta of J2 +6.7e-38 deg, is no difference."""
+    rng = np.random.default_rng(4)
+    angles = ARM.working + 0.8 * rng.uniform(-1, 1, (30, ARM.n_joints))
+    points = ARM.chain.tip_in_base(angles) + rng.normal(0, 0.02, (30, 3))
+    fit = NominalModel(ARM).fit(angles, points).nominal_
+    same = replace(fit, coefficients=np.full(len(fit.coefficients), 1e-40))
+    found = IdentifiedConstants.of(same, ARM, ("base", "tip"))
+    assert (found.largest, str(found)) == ("", "They are those of the arm file.")

@@ -70,6 +70,8 @@ MAX_ZERO, MAX_ANGLE, MAX_LENGTH, MAX_SLIDE_ZERO = np.radians(45.0), np.radians(7
 ANGLES = ("theta", "alpha", "beta")
 # Standard uncertainties by which a constant must exceed that: noise leaves lengths open.
 SURE = 3.0
+# Smaller shares of what is credible are rounding.
+NO_DIFFERENCE = 1e-9
 # Standard uncertainties of a difference quotient.
 STEP = 1e-3
 # Zeros that are off by more are named: six times what is usual [rad; of sliding joints mm].
@@ -88,7 +90,7 @@ class IdentifiedConstants:
     slides : tuple of str
         The sliding joints.
     largest : str
-        The constant that differs most, compared with what is credible, and by how much.
+        The constant that differs most, compared with what is credible, and by how much; empty if none does.
     share : float
         Its size over the largest credible one.
     are_zeros : bool
@@ -131,6 +133,8 @@ class IdentifiedConstants:
             if (of_place := off / (MAX_LENGTH * arm.chain.reach)) > share:
                 largest, share = f"the {place}, which is stated to be known, {off:.3g} mm", of_place
                 are_zeros = False
+        if share < NO_DIFFERENCE:
+            largest = ""
         least = np.maximum(np.where(slides, NAMED_SLIDE_ZERO, NAMED_ZERO), SURE * std[zeros])
         named = {
             arm.joint_names[i]: (float(changes[zeros[i]]), float(std[zeros[i]]))
@@ -140,6 +144,8 @@ class IdentifiedConstants:
         return cls(named, largest, share, sliding, are_zeros)
 
     def __str__(self) -> str:
+        if not self.largest:
+            return "They are those of the arm file."
         if not self.zeros:
             return f"The largest difference is {self.largest}: correct the arm file if it is wrong there."
         return (
@@ -515,7 +521,8 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements, ti
         return
     why, remedy = "", None if check.description is None else check.description.remedy(readings.file)
     if check.identified is not None:
-        why = f"; with its constants identified {check.left} remain, and the largest is {check.identified.largest}"
+        why = f"; with its constants identified {check.left} remain"
+        why += f", and the largest is {largest}" if (largest := check.identified.largest) else ""
     of_unit = remedy_of_unit(readings, tips)
     still = [f"J{joint + 1}" for joint in np.flatnonzero(np.ptp(readings.angles, axis=0) == 0).tolist()]
     readings.contradict(

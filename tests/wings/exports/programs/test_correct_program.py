@@ -689,3 +689,20 @@ class TestCommand:
     def test_a_truncated_program_leaves_nothing(self, tmp_path, model, refused):
         text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB))[:900]
         refused(["correct", model, written(tmp_path, text), "--out", tmp_path / "new.mod"], "cut off")
+
+
+@pytest.mark.parametrize(("z", "is_said"), [("0.1205", True), ("120.5", False), ("0", False)])
+def test_a_tool_in_metres_is_remarked(tmp_path, z, is_said):
+    """The controller takes it for 0.12 mm, and all targets for those of the flange."""
+    module = f"""MODULE Made
+PERS tooldata tGrip:=[TRUE,[[0,0,{z}],[1,0,0,0]],[1.2,[0,0,60],[1,0,0,0],0,0,0]];
+CONST jointtarget jHome:=[[0,0,15,0,60,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+PROC main()
+MoveAbsJ jHome,v1000,z50,tGrip;
+ENDPROC
+ENDMODULE
+"""
+    notes = corrected(fitted(IRB), written(tmp_path, module)).notes
+    said = "The tool of jHome is 0.1205 mm long: correct it if it was meant in metres."
+    assert (said in notes) is is_said
+    assert len(notes) == is_said

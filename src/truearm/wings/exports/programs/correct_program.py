@@ -64,6 +64,8 @@ MAX_BYTES = 64 * 2**20
 _ON_BORDER = 1e-3
 # A model that equals the nominal arm changes joints by rounding: such a target keeps its bytes [rad].
 _UNCHANGED = 1e-9
+# A tool that is shorter, and not the flange itself, was written in metres [mm].
+_NO_FLANGE, _SHORTEST_TOOL = 1e-6, 1.0
 _MARK = re.compile(rb"truearm (command|feedback) ([0-9a-f]{8})")
 # Most of the targets of a program for this robot are within its reach.
 _MOST = 0.5
@@ -242,7 +244,7 @@ class _Correction:
         changes, refused = self._changes(nominal, corrected, shifts, reasons)
         self._check_reversed(refused)
         edits = [edit for change in changes for edit in change.edits]
-        notes = list(self._bend(nominal, corrected))
+        notes = [*self._short_tools(), *self._bend(nominal, corrected)]
         if edits and spacing_mm is not None:
             rows = {id(target): row for row, target in enumerate(program.targets)}
             texts = {rows[id(change.target)]: change.numbers for change in changes}
@@ -285,6 +287,17 @@ class _Correction:
                     f"The program was corrected with another model ({mark[2].decode()}, this is {own}): what is taken "
                     "away is not what was added."
                 )
+
+    def _short_tools(self) -> Iterator[str]:
+        """A note of tools that were probably written in metres, each named by the first target that uses it."""
+        tools: dict[str, str] = {}
+        for target in self.program.targets:
+            if target.T_flange_tool is not None:
+                length = float(np.linalg.norm(target.T_flange_tool[:3, 3]))
+                if _NO_FLANGE < length < _SHORTEST_TOOL:
+                    tools.setdefault(f"{length:.4g}", target.name)
+        for said, name in tools.items():
+            yield f"The tool of {name} is {said} mm long: correct it if it was meant in metres."
 
     def _bend(self, nominal: FloatArray, corrected: FloatArray) -> Iterator[str]:
         worst = self.solver.bend(self.program.targets, ends_of(self.program.moves), nominal, corrected)
