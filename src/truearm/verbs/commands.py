@@ -272,7 +272,7 @@ def fit(
     check_model_output(out, None if arm is None else load_arm(arm), *files, force=force)
     if apply is not None:
         check_new_output(apply, *files, out, force=force, endings=(".toml", ".urdf"))
-        _check_table(arm, apply)
+        check_table(arm, apply)
     total = 4 if model == "auto" else None
     if model == "network":
         total = (epochs or 200) * restarts * (members or 1)
@@ -290,15 +290,11 @@ def fit(
         result = verb(arm, session, **given, executor=executor, progress=report)
         check_model_output(out, result.model.arm_, force=force)  # its readings may state a serial number
         result.save(out)
-        if apply is not None and not result.identifies_constants:
-            why = f"{apply} is not written: the nominal arm was kept, and no joint zeros were identified."
-            result, apply = replace(result, findings=(*result.findings, Finding("file", why))), None
-        if apply is not None:
-            _write_arm(result, apply, out)
+        result, apply = with_arm_file(result, apply, out)
     print_record(result, as_json=as_json, files={"model": out, "arm": apply}, details=details)
 
 
-def _check_table(arm: str | None, apply: Path) -> None:
+def check_table(arm: str | None, apply: Path) -> None:
     """Refuse before the fit an arm file that cannot hold the arm: its table."""
     from truearm.arm import dh_table, load_arm
 
@@ -306,14 +302,27 @@ def _check_table(arm: str | None, apply: Path) -> None:
         dh_table(load_arm(arm).chain)
 
 
-def _write_arm(result: FitResult, file: Path, model_file: Path) -> None:
+def with_arm_file(result: FitResult, file: Path | None, model_file: Path) -> tuple[FitResult, Path | None]:
+    """Write an arm file with the identified zeros, after the model; none where none were identified, which is said.
+
+    Raises
+    ------
+    InputError
+        If the file cannot hold this arm.
+    """
     from truearm.arm import write_arm
 
+    if file is None:
+        return result, None
+    if not result.identifies_constants:
+        why = f"{file} is not written: the nominal arm was kept, and no joint zeros were identified."
+        return replace(result, findings=(*result.findings, Finding("file", why))), None
     try:
         write_arm(result.arm_with_zeros(), file)
     except InputError as error:
         written = f"the model is written to {model_file}"
         raise error.with_hint(f"{error.hint}; {written}" if error.hint else written) from None
+    return result, file
 
 
 def check_options(context: typer.Context, model: str | None) -> None:

@@ -394,10 +394,12 @@ class FitResult(Record):
         if self.held_out_mm is not None:
             error, nominal = self.held_out_mm
             compared = "" if self.model_name == "nominal" else compare_with_nominal(error, nominal)
-            of = " of a distance" if self.model.held_out_.n_coordinates < 3 else ""
+            in_seats = self.session.seat is not None and not self.session.has_point.any()
+            of = "error of a distance" if self.model.held_out_.n_coordinates < 3 else "error"
+            of = "distance from the mean of the seat" if in_seats else of
             lengths = None if self.training is None else self.training.get("lengths")
             what = "held-out readings" + " of the sample" * (every is not None and bool(every.why_of_sample))
-            return with_lengths(f"Mean error{of} {format_mm(error)} on {what}", compared, lengths) + about
+            return with_lengths(f"Mean {of} {format_mm(error)} on {what}", compared, lengths) + about
         if self.training is not None and "mean_mm" in self.training:
             mean = self.training["mean_mm"]
             compared = "" if self.nominal is None else compare_with_nominal(mean, self.nominal.nominal_error())

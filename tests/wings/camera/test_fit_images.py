@@ -355,6 +355,7 @@ def test_the_command_writes_model_and_camera(truearm, tmp_path, monkeypatch):
     (tmp_path / "camera.yaml").write_text(camera_yaml(cell.lens))
     words = ["fit-images", "joints.csv", "pixels.csv", "--arm", "ur5", "--board", cell.board.name]
     words += ["--model", "kinematic", "--camera", "camera.yaml", "--out", "cell.truearm", "--camera-out", "found.yaml"]
+    words += ["--apply", "my-ur5.toml"]
     done = truearm(*words, "--json")
     assert done.code == 0, done.err
     said = json.loads(done.out)
@@ -362,7 +363,9 @@ def test_the_command_writes_model_and_camera(truearm, tmp_path, monkeypatch):
     assert said["u_board_scale"] < 0.002
     found = read_camera("found.yaml")
     assert abs(found.fx - cell.lens.fx) < 4 * said["u_intrinsics"]["fx"]
-    assert ta.load_model("cell.truearm").arm_.name == "ur5"
+    model = ta.load_model("cell.truearm")
+    assert model.arm_.name == "ur5"
+    assert f"joint zeros identified from {len(session)} readings" in ta.load_arm("my-ur5.toml").source
     text = str(fitted(False))
     assert "size of the board" in text
     assert "scatter by 0.2 px" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,6 +11,7 @@ from typer import Argument, Option
 
 from truearm.errors import InputError
 from truearm.verbs import options
+from truearm.verbs.commands import check_table, with_arm_file
 from truearm.verbs.console import print_record, progress
 from truearm.verbs.outputs import check_model_output, check_new_output, check_output
 from truearm.wings.camera import TransformFormat
@@ -143,6 +145,7 @@ def fit_images(
         Option("--test-images", metavar="SESSION PIXELS", help="Other images, at poses that are not in the fit."),
     ] = None,
     model: options.ModelOption = "auto",
+    apply: options.ArmOut = None,
     force: options.Force = False,
     details: options.Details = False,
     as_json: options.Json = False,
@@ -168,6 +171,9 @@ def fit_images(
     given["eye_in_hand"] = on_flange or eye_in_hand
     files = session, *pixels, *map(Path, lenses.values()), given["lengths"], *(test or ())
     check_model_output(out, None, *files, force=force)
+    if apply is not None:
+        check_new_output(apply, *files, out, force=force, endings=(".toml", ".urdf"))
+        check_table(arm, apply)
     outputs: dict[str, Path] = {}
     if camera_out is not None:
         check_new_output(camera_out, *files, out, force=force, endings=(".yaml",))
@@ -181,7 +187,9 @@ def fit_images(
         result.fitted.save(out)
         if outputs:
             result.save_cameras(outputs)
-    print_record(result, as_json=as_json, files={"model": out, **outputs}, details=details)
+        fitted, apply = with_arm_file(result.fitted, apply, out)
+        result = replace(result, fitted=fitted)
+    print_record(result, as_json=as_json, files={"model": out, "arm": apply, **outputs}, details=details)
 
 
 @options.of_verb("truearm.wings.camera.hand_eye:hand_eye")
