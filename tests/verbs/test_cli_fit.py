@@ -103,7 +103,7 @@ def test_seats_and_lengths_alone(truearm, shop, tmp_path):
     rows = {line.split()[0]: line for line in lines[table + 1 : table + 4]}
     assert list(rows) == ["nominal", "kinematic", "physical"]
     (kept,) = [name for name, row in rows.items() if row.endswith("selected")]
-    assert lines[0].startswith("Mean error 0.0")
+    assert lines[0].startswith("Mean distance from the mean of the seat 0.0")
     assert " smaller than the nominal arm; largest error of 3 lengths 0.0" in lines[0]
     assert lines[0].endswith(f" ({kept} model of gao2017, 60 readings).")
     assert lines[table + 4].startswith("training error, distance from the mean of the seat: mean 0.0")
