@@ -120,7 +120,8 @@ class CovarianceRoot:
     @cached_property
     def _information(self) -> FloatArray:
         """(p, p) the upper triangle of the inverse of the covariance, of a triangle."""
-        return np.asarray(dpotri(np.asfortranarray(self.factor.T), lower=1, overwrite_c=1)[0].T)
+        # A copy: LAPACK writes into it, and the factor may be in either order.
+        return np.asarray(dpotri(np.array(self.factor.T, order="F"), lower=1, overwrite_c=1)[0].T)
 
     def without(self, gram: FloatArray) -> WithoutData | None:
         """The same without data of the normal matrix (p, p) in the same order, whose upper triangle is spoilt.

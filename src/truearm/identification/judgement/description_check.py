@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import qr
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.arm import Arm
@@ -486,7 +487,8 @@ def restricted_likelihood(
 
 def contrasts(free: FloatArray, *columns: FloatArray) -> tuple[int, FloatArray, FloatArray]:
     """Number of contrasts that free parameters (n, p) do not affect, and columns (n, k) without what they explain."""
-    Q, R = np.linalg.qr(free)
+    # By pivots: what is left of a dependent column is rounding, in the way of those that follow.
+    Q, R, _ = qr(free, mode="economic", pivoting=True)
     weights = np.abs(R.diagonal())
     Q = Q[:, weights > 1e-9 * weights.max(initial=0.0)]
     first, second = (one - Q @ (Q.T @ one) for one in columns)
