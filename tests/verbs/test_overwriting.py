@@ -64,6 +64,7 @@ WRITES: dict[tuple[str, str], str] = {
     ("plan-images", "--out"): "plan-images ur5 --poses 6 --out x.csv",
     ("hand-eye", "--out"): "hand-eye p.csv m.csv --as yaml --out x.yaml",
     ("hand-eye", "--out-model"): "hand-eye p.csv m.csv --arm ur10 --out-model x.truearm",
+    ("fit-images", "--apply"): f"{IMAGES} --out y.truearm --apply x.toml",
     ("fit-images", "--out"): f"{IMAGES} --out x.truearm",
     ("fit-images", "--camera-out"): f"{IMAGES} --out y.truearm --camera-out x.yaml",
     ("sources", "--out"): "sources --try microscribe:COM1 --out x.toml",
