@@ -1,8 +1,8 @@
 """The residual process of a physical model: whether it is kept, and whether it belongs to the arm or to the session.
 
 It is proposed by evidence (`truearm.identification.estimation.residual_process`) and kept if held-out readings are
-predicted better with it, by more than one standard error of the paired differences. Readings of one session do not show
-whether the arm or its set-up (reference instrument, reflector, stand, drift) causes it: it belongs to the session so
+predicted better with it, by more than one standard error of the paired differences and a thousandth of their error.
+Readings of one session do not show whether the arm or its set-up (reference instrument, reflector, stand, drift) causes it: it belongs to the session so
 far. It belongs to the arm if a session is predicted better by the process of the others: by holding sessions out, or by
 a transfer to a new set-up, which otherwise leaves it behind.
 """
@@ -34,6 +34,8 @@ from truearm.typing import BoolArray, FloatArray
 
 # Readings of a session that can be held out, and of those that remain.
 LEAST_SESSION = 20
+# Share of the mean held-out error by which it predicts better at least: of many readings a standard error is smaller.
+LEAST_GAIN = 1e-3
 # Sessions are held out in so many parts at most: each is an identification with and one without the process.
 MOST_FOLDS = 5
 OF_ARM, OF_SESSION, OF_SESSIONS = "arm", "session", "sessions"
@@ -174,7 +176,7 @@ def add_residual_process(
         return found, None
     extended_held_out = cross_validate(extended)
     gain, error = improvement(held_out, extended_held_out)
-    if not gain > error:
+    if not gain > max(error, LEAST_GAIN * held_out.mean_mm):
         return found, None
     belongs_to = OF_SESSION if len(sessions) < 2 else OF_SESSIONS
     if named := _separable_sessions(data, sessions):
