@@ -2,9 +2,9 @@
 
 It is proposed by evidence (`truearm.identification.estimation.residual_process`) and kept if held-out readings are
 predicted better with it, by more than one standard error of the paired differences and a thousandth of their error.
-Readings of one session do not show whether the arm or its set-up (reference instrument, reflector, stand, drift) causes it: it belongs to the session so
-far. It belongs to the arm if a session is predicted better by the process of the others: by holding sessions out, or by
-a transfer to a new set-up, which otherwise leaves it behind.
+Readings of one session do not show whether the arm or its set-up (reference instrument, reflector, stand, drift) causes
+it: it belongs to the session so far. It belongs to the arm if a session is predicted better by the process of the
+others: by holding sessions out, or by a transfer to a new set-up, which otherwise leaves it behind.
 """
 
 from __future__ import annotations
