@@ -19,7 +19,7 @@ import numpy as np
 from truearm.findings import Finding
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.description_check import VERY_STRONG, contrasts, sagging_angles
+from truearm.identification.judgement.description_check import VERY_STRONG, sagging_angles, without_free
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms import ArmState, Term
 from truearm.readings.readings import Measurements
@@ -94,8 +94,8 @@ def refuse_axis(scale: AxisScale | None, readings: Measurements) -> None:
         readings.contradict(
             f"by these readings {scale}: no arm makes them so",
             column=f"{scale.axis}_mm",
-            hint=f"check the scale of that axis (divided by {1 + scale.share:.4f} that remains): the depth of a stereo "
-            "camera, a unit or a factor of that column alone",
+            hint=f"check the scale of that axis, which divided by {1 + scale.share:.4f} fits the arm: the depth of a "
+            "stereo camera, a unit or a factor of that column alone",
         )
 
 
@@ -164,7 +164,7 @@ def likeliest_axis(
     tips = points - residuals  # those of a right scale
     along[:, range(3), range(3)] = tips - tips.mean(axis=0)
     data = np.column_stack([residuals.reshape(rows), along.reshape(rows, 3)])
-    n, data, uncertain = contrasts(by_free.reshape(rows, -1), data, by_uncertain.reshape(rows, -1))
+    n, data, uncertain = without_free(by_free.reshape(rows, -1), data, by_uncertain.reshape(rows, -1))
     U, s, _ = np.linalg.svd(uncertain, full_matrices=False)
     if n <= len(s):
         return None

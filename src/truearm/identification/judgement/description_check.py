@@ -471,7 +471,7 @@ def restricted_likelihood(
     usual : float
         Root mean square residual that the parameters with a prior cause [mm].
     """
-    n, r, K = contrasts(free, residuals, tolerances)
+    n, r, K = without_free(free, residuals, tolerances)
     n -= n_absorbed
     U, s, _ = np.linalg.svd(K, full_matrices=False)
     U, s = U[:, :n], s[:n]
@@ -485,7 +485,7 @@ def restricted_likelihood(
     return best + n * float(np.log(max(scale, 1e-12))), float(np.sqrt((s**2).sum() / max(len(residuals), 1)))
 
 
-def contrasts(free: FloatArray, *columns: FloatArray) -> tuple[int, FloatArray, FloatArray]:
+def without_free(free: FloatArray, *columns: FloatArray) -> tuple[int, FloatArray, FloatArray]:
     """Number of contrasts that free parameters (n, p) do not affect, and columns (n, k) without what they explain."""
     # By pivots: what is left of a dependent column is rounding, in the way of those that follow.
     Q, R, _ = qr(free, mode="economic", pivoting=True)
