@@ -106,7 +106,8 @@ class Compensator(Regressor, ABC):
     accepted_ : tuple of Acceptance
         Contradictions in its readings that a person accepted (see `truearm.accepting`).
     arm_doubt_ : str
-        What is doubtful about the nominal arm by the training readings; empty if nothing, and of older files.
+        What is doubtful about the nominal arm or its scale by the training readings; empty if nothing, and of older
+        files.
     findings_ : tuple of Finding
         What a person must know of what was identified; not in a model file.
     repeating_share_ : float
@@ -242,8 +243,11 @@ class Compensator(Regressor, ABC):
                 self.nominal_check_ = judge_description(readings, placed.fit)
         else:
             placed, self.nominal_check_ = Found(self._nominal_of(nominal), NONE_HELD_OUT), nominal.nominal_check_
-        self.nominal_, self.arm_doubt_ = placed.fit, self.nominal_check_.doubt
+        self.nominal_ = placed.fit
         self._fit(readings, placed, nominal, progress or no_progress)
+        check, scales = self.nominal_check_, [one for one in self.findings_ if one.what == "length scale"]
+        scales += () if check.axis_scale is None else check.axis_scale.findings()
+        self.arm_doubt_ = " ".join(filter(None, [check.doubt, *map(str, scales)]))
         self.accepted_ = accepted(() if nominal is None else nominal.accepted_)
         self._keep_rounding(readings)
         self.fit_seconds_ = time.perf_counter() - begun

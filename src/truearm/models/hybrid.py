@@ -37,7 +37,7 @@ LEAST_RANGE = 1e-6
 LEAST_SHARE_BETWEEN = 0.5
 ARM_MODELS: dict[str, type[IdentifiedModel]] = {"nominal": NominalModel, "kinematic": KinematicModel}
 # Findings of the arm that its networks do not change.
-OF_THE_CONSTANTS = ("joint gains", "joint sign")
+OF_THE_CONSTANTS = ("joint gains", "joint sign", "length scale")
 # Residuals of this many root mean squares are 1 as targets of the networks.
 TARGET_STDS = 3.0
 # Least root mean square of residuals [mm]: an arm that reproduces all points leaves nothing to scale by.

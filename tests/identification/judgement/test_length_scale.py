@@ -185,11 +185,13 @@ def test_a_drawing_that_is_stated_to_be_rough_may_be_of_another_size(measured):
     assert of(scaled(measured, 1.005), arm=rough).length_scale_.share > LEAST_SCALE
 
 
-def test_a_small_scale_is_said_with_its_uncertainty(measured):
-    """Aluminium in 30 degC is 0.023 % longer; an arm as drawn needs no word."""
+def test_a_small_scale_is_said_with_its_uncertainty(measured, tmp_path):
+    """Aluminium in 30 degC is 0.023 % longer; whoever uses the model is told too. An arm as drawn needs no word."""
     said = ta.fit("ur10", scaled(measured, 1.00023), model="kinematic")
     assert any("longer than drawn (u 0.0" in remark for remark in said.remarks)
     assert said.to_dict()["length_scale"]["share"] == pytest.approx(2.3e-4, abs=6e-5)  # lengths are off by 0.01 mm
+    said.model.save(tmp_path / "arm.truearm")
+    assert any("longer than drawn" in remark for remark in ta.predict(tmp_path / "arm.truearm", measured).remarks)
     assert not any("than drawn" in remark for remark in ta.fit("ur10", measured, model="kinematic").remarks)
 
 
