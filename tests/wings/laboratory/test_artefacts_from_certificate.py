@@ -55,7 +55,7 @@ def test_a_file_of_artefacts_is_filled_in_and_what_is_missing_is_named(truearm, 
     ],
 )
 def test_nothing_is_overwritten_or_half_written(truearm, folder, snapshot, options, said):
-    Path("there.toml").write_text("# mine\n")
+    Path("there.toml").write_text("# mine\n", encoding="utf-8")
     there = snapshot(folder)
     ran = truearm(*COMMAND, *options).refused()
     assert any(part in ran.err for part in said.split("|")), ran.err

@@ -166,7 +166,7 @@ def test_a_new_model_starts_a_new_baseline_and_names_the_checks_that_are_not_com
     assert said
     assert ran.out.startswith("Not enough checks yet")
     assert ran.code == 3
-    assert "A new model: 26 checks of arm.truearm in this history" in Path("new.html").read_text()
+    assert "A new model: 26 checks of arm.truearm in this history" in Path("new.html").read_text(encoding="utf-8")
     found = json.loads(truearm(*asked, "--json").out)
     assert (found["n_checks"], found["recalibrate"]) == (1, "not enough checks yet")
     (other,) = found["other_models"]
@@ -195,9 +195,9 @@ def test_artefacts_retired_before_a_new_model_stay_retired(truearm, refused, fol
     assert '2026-01-27: "Recalibrate: a value has changed since check' in ran.out
     gone = ("--retired", "cone", "--retired", "bar A", "--retired", "ball", "--mpe", "mpe.toml")
     assert '2026-01-27: "No need to recalibrate' in truearm(*asked, *gone, "--page", "page.html").out
-    assert re.search("2026-01-27: .{1,6}No need to recalibrate", Path("page.html").read_text())
+    assert re.search("2026-01-27: .{1,6}No need to recalibrate", Path("page.html").read_text(encoding="utf-8"))
     assert json.loads(truearm(*asked, *gone, "--json").out)["other_models"][0]["recalibrate"] == "no"
-    Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 1"))
+    Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 1"), encoding="utf-8")
     assert '2026-01-27: "Recalibrate: a value exceeds' in truearm(*asked, *gone).out
     refused([*asked, "--retired", "nowhere"], "no check contains the retired artefact 'nowhere'")
 
@@ -248,7 +248,7 @@ def test_limits_of_the_specification_apply_from_the_first_check_on(truearm, fold
     ran = truearm(*arguments(1, "--mpe", "mpe.toml"))
     assert ran.code == 3
     assert "0.0320" in ran.out  # 20 um + 600 mm / 50
-    Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 10"))
+    Path("mpe.toml").write_text(MPE.replace("B_um = 80", "B_um = 10"), encoding="utf-8")
     ran = truearm(*arguments(1, "--mpe", "mpe.toml"))
     assert ran.code == 3
     assert re.search(r"seat cone, SPAT.2s: 0.0\d+ mm exceeds the limit of 0.0100 mm in check 1 only\n", ran.out)
@@ -272,7 +272,7 @@ def test_a_warm_bar_causes_no_recalibration(truearm, folder):
         ("unknown.csv", "", ""),
     ):
         text = f"seat_a,seat_b,length_mm,u_mm{columns}\nbar A,bar B,{cold:.7f},0.0005{row}\n"
-        Path(name).write_text(text)
+        Path(name).write_text(text, encoding="utf-8")
     assert abs(cold - known) < 0.1
     asked = ("check", "arm.truearm", "warm.csv", "--mpe", "mpe.toml", "--json")
     steel = json.loads(truearm(*asked, "--lengths", "steel.csv", "--history", "steel.sqlite").out)
@@ -303,7 +303,7 @@ def test_a_change_of_a_missing_artefact_remains_until_it_is_retired(truearm, fol
 
 
 def test_a_refused_check_is_not_added_and_a_forgotten_file_completes_it(truearm, refused, folder):
-    Path("wrong.toml").write_text(MPE.replace("{ B_um = 80 }", "{ A_um = 10, K_mm_per_um = 80 }"))
+    Path("wrong.toml").write_text(MPE.replace("{ B_um = 80 }", "{ A_um = 10, K_mm_per_um = 80 }"), encoding="utf-8")
     Path("arm.sqlite").unlink()
     refused(arguments(1, "--mpe", "wrong.toml"), "limits.SPAT.2s")
     without = [*arguments(1)[:3], *arguments(1)[5:], "--json"]
@@ -334,7 +334,7 @@ def test_a_seat_misspelt_in_one_reading_is_named(truearm, folder):
 
 
 def test_the_page_has_the_charts_and_the_answer(folder):
-    html = Path("arm.html").read_text()
+    html = Path("arm.html").read_text(encoding="utf-8")
     assert f"{ARM}: interim checks" in html
     said = ("seat cone, SPAT.2s", "drift since about check", "evidence of a change", "Temperature of the checks")
     for phrase in said:
@@ -374,13 +374,13 @@ def test_a_wrong_check_is_withdrawn_and_stays_on_the_page(truearm, folder):
     ran = truearm(*asked, "26", "--reason", "the bar was <loose>", "--page", "withdrawn.html").done()
     assert ran.out.splitlines()[0] == "Check 26 of 2026-01-26 is withdrawn: the bar was <loose>"
     assert "\nWithout it: " in ran.out
-    assert Path("withdrawn.html").read_text().count('<tr class="withdrawn">') == 1
+    assert Path("withdrawn.html").read_text(encoding="utf-8").count('<tr class="withdrawn">') == 1
     write_session(session(27), "day27.csv")
     found = json.loads(truearm(*arguments(27, "--page", "page.html", "--json")).out)
     assert (found["n_checks"], found["values"][0]["check"]) == (26, 27)
     assert [(one["check"], one["reason"]) for one in found["withdrawn"]] == [(26, "the bar was <loose>")]
     assert found["history"]["rows"] == 28
-    html = Path("page.html").read_text()
+    html = Path("page.html").read_text(encoding="utf-8")
     assert html.count('<tr class="withdrawn">') == 1
     assert "the bar was &lt;loose&gt;" in html
     assert found["history"]["sha256"] in html

@@ -30,11 +30,11 @@ PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
 
 def write_bench():
     """All files of a good arm's verification."""
-    Path("points.csv").write_text(Made().iso().text())
-    Path("artefacts.toml").write_text(ARTEFACTS)
-    Path("mpe.toml").write_text(MPE)
-    Path("plan.toml").write_text(CONFIRMED_PLAN)
-    Path("asme.toml").write_text(confirm(plan_text("asme-b89.4.22")))
+    Path("points.csv").write_text(Made().iso().text(), encoding="utf-8")
+    Path("artefacts.toml").write_text(ARTEFACTS, encoding="utf-8")
+    Path("mpe.toml").write_text(MPE, encoding="utf-8")
+    Path("plan.toml").write_text(CONFIRMED_PLAN, encoding="utf-8")
+    Path("asme.toml").write_text(confirm(plan_text("asme-b89.4.22")), encoding="utf-8")
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def test_a_good_arm_conforms(truearm, bench):
 @pytest.mark.parametrize("too_large", [0.0, 60e-6])
 def test_without_confirmed_numbers_there_is_one_word_everywhere(truearm, bench, too_large):
     """Terminal, JSON, page and exit code: nothing green, no conform, and what a certificate would say."""
-    Path("points.csv").write_text(Made(too_large=too_large).iso().text())
+    Path("points.csv").write_text(Made(too_large=too_large).iso().text(), encoding="utf-8")
     ran = truearm(*options("iso10360-12"), "--page", "page.html")
     assert (ran.code, ran.err) == (3, "")
     first = "Not for conformity decisions: 28 entries are not confirmed against ISO 10360-12:2016 in the test plan"
@@ -91,7 +91,7 @@ def test_without_confirmed_numbers_there_is_one_word_everywhere(truearm, bench, 
     assert found["verdict"] == "not for conformity decisions"
     sides = {"within limit", "outside limit"} if too_large else {"within limit"}
     assert {row["verdict"] for row in found["rows"]} - {None} == sides
-    page = Path("page.html").read_text()
+    page = Path("page.html").read_text(encoding="utf-8")
     assert first in html.unescape(page)
     assert not re.search(r'class="[^"]*\bgood\b', page)
     for text in (ran.out, page):
@@ -100,7 +100,7 @@ def test_without_confirmed_numbers_there_is_one_word_everywhere(truearm, bench, 
 
 def test_an_arm_that_measures_too_large_does_not_conform(truearm, bench):
     """60 um per metre: 102 um in the longest length; the sphere and the places are fine."""
-    Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
+    Path("points.csv").write_text(Made(too_large=60e-6).iso().text(), encoding="utf-8")
     ran = truearm(*options(), "--json")
     found = json.loads(ran.out)
     assert (ran.code, found["verdict"]) == (1, "not conform")
@@ -112,10 +112,11 @@ def test_an_arm_that_measures_too_large_does_not_conform(truearm, bench):
 
 def test_an_arm_near_its_limit_is_undecided_and_simple_acceptance_decides(truearm, bench):
     """Half a micrometre below the limit of a form of some 15, with U of one: 4:1 is kept."""
-    Path("points.csv").write_text(Made(noise_mm=0.004).iso().text())
+    Path("points.csv").write_text(Made(noise_mm=0.004).iso().text(), encoding="utf-8")
     value = json.loads(truearm(*options(), "--json").out)["rows"][1]["value"]
     Path("mpe.toml").write_text(
-        MPE.replace('"P_Form.Sph.1x25" = { B_um = 30 }', f'"P_Form.Sph.1x25" = {{ B_um = {1e3 * value + 0.5:.3f} }}')
+        MPE.replace('"P_Form.Sph.1x25" = { B_um = 30 }', f'"P_Form.Sph.1x25" = {{ B_um = {1e3 * value + 0.5:.3f} }}'),
+        encoding="utf-8",
     )
     ran = truearm(*options())
     assert ran.code == 3
@@ -123,7 +124,7 @@ def test_an_arm_near_its_limit_is_undecided_and_simple_acceptance_decides(truear
     ran = truearm(*options(), "--rule", "simple")
     assert ran.code == 3  # agreed with nobody
     assert "decisions: the decision rule 'simple' is not that of the test plan 'iso10360-12', 'iso14253-1" in ran.out
-    Path("simple.toml").write_text(confirm(plan_text("iso10360-12"), "simple"))
+    Path("simple.toml").write_text(confirm(plan_text("iso10360-12"), "simple"), encoding="utf-8")
     assert "simple acceptance" in truearm(*options("simple.toml")).done().out
 
 
@@ -133,13 +134,13 @@ def test_the_plan_names_the_decision_rule_and_an_option_another_one(truearm, ben
     value, expanded = (before["rows"][1][key] for key in ("value", "uncertainty"))
     limit = 1e3 * (value + 0.95 * expanded)
     Path("mpe.toml").write_text(
-        MPE.replace('"P_Form.Sph.1x25" = { B_um = 30', f'"P_Form.Sph.1x25" = {{ B_um = {limit}')
+        MPE.replace('"P_Form.Sph.1x25" = { B_um = 30', f'"P_Form.Sph.1x25" = {{ B_um = {limit}'), encoding="utf-8"
     )
     assert "default rule of ISO 14253-1:2017. Values" in truearm(*options()).done().out
     found = json.loads(truearm(*options(), "--rule", "iso14253-1:2013", "--json").out)
     assert (found["rule"], found["verdict"]) == ("iso14253-1:2013", "not for conformity decisions")
     assert found["rows"][1]["verdict"] == "undecided"
-    Path("old.toml").write_text(confirm(plan_text("iso10360-12"), "iso14253-1:2013"))
+    Path("old.toml").write_text(confirm(plan_text("iso10360-12"), "iso14253-1:2013"), encoding="utf-8")
     found = json.loads(truearm(*options("old.toml"), "--json").out)
     assert (found["rule"], found["verdict"]) == ("iso14253-1:2013", "undecided")
     assert found["rows"][1]["conformance_probability"] == pytest.approx(0.971, abs=0.001)  # Phi(1.9), tables
@@ -148,7 +149,7 @@ def test_the_plan_names_the_decision_rule_and_an_option_another_one(truearm, ben
 def test_outside_the_rated_conditions_nothing_is_decided(truearm, bench):
     """Points at 26.1 degC, rated 15 to 25: neither the good arm conforms nor the one that measures too large fails."""
     for too_large in (0.0, 1e-3):
-        Path("points.csv").write_text(Made(degC=26.1, too_large=too_large).iso().text())
+        Path("points.csv").write_text(Made(degC=26.1, too_large=too_large).iso().text(), encoding="utf-8")
         ran = truearm(*options())
         assert ran.code == 3
         unmet = "rated conditions not met: temperature of the artefacts 26.1 degC, rated 15 to 25 degC"
@@ -159,16 +160,16 @@ def test_outside_the_rated_conditions_nothing_is_decided(truearm, bench):
     (condition,) = found["rated_conditions"]
     assert condition["measured"] == pytest.approx([26.1, 26.1])
     assert (condition["rated"], condition["met"]) == ([15, 25], False)
-    assert unmet in Path("page.html").read_text()
+    assert unmet in Path("page.html").read_text(encoding="utf-8")
 
 
 def test_conditions_are_stated_with_the_points(truearm, refused, bench):
     """Warmed up 10 minutes in the probing test: its values are undecided, the others not; humidity is not stated."""
     rated = "air_degC = { min = 15, max = 25 }\nwarm_up_min = { min = 30 }\nhumidity_percent = { max = 70 }"
-    Path("mpe.toml").write_text(MPE.replace("air_degC = { min = 15, max = 25 }", rated))
-    head, *rows = Path("points.csv").read_text().splitlines()
+    Path("mpe.toml").write_text(MPE.replace("air_degC = { min = 15, max = 25 }", rated), encoding="utf-8")
+    head, *rows = Path("points.csv").read_text(encoding="utf-8").splitlines()
     warmed = [row + (",10" if row.startswith("probing") else ",45") for row in rows]
-    Path("points.csv").write_text("\n".join([f"{head},warm_up_min", *warmed]) + "\n")
+    Path("points.csv").write_text("\n".join([f"{head},warm_up_min", *warmed]) + "\n", encoding="utf-8")
     ran = truearm(*options())
     assert (ran.code, ran.err) == (3, "")
     assert ran.out.startswith("undecided: rated conditions not met: warm-up time 10 to 45 min, rated 30 min or more\n")
@@ -178,17 +179,23 @@ def test_conditions_are_stated_with_the_points(truearm, refused, bench):
     )
     by_test = {row["label"]: row["verdict"] for row in json.loads(truearm(*options(), "--json").out)["rows"]}
     assert (by_test["P_Size.Sph.1x25"], by_test["E_Uni, 900"]) == ("undecided", "conform")
-    Path("mpe.toml").write_text(MPE.replace("[rated_conditions]\nair_degC = { min = 15, max = 25 }", ""))
+    Path("mpe.toml").write_text(
+        MPE.replace("[rated_conditions]\nair_degC = { min = 15, max = 25 }", ""), encoding="utf-8"
+    )
     assert "the specification states no rated conditions" in truearm(*options()).out
-    Path("points.csv").write_text("\n".join([f"{head},humidity_percent", *(row + ",170" for row in rows)]) + "\n")
+    Path("points.csv").write_text(
+        "\n".join([f"{head},humidity_percent", *(row + ",170" for row in rows)]) + "\n", encoding="utf-8"
+    )
     refused(options(), "expected humidity_percent from 2 to 100, got 170")
 
 
 def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
     """A fixture of 6 um: U of 12 um is more than a quarter of 30 um; a form of 100 um is beyond that by far."""
-    Path("points.csv").write_text(Made(noise_mm=0.03).iso().text())
-    Path("artefacts.toml").write_text(ARTEFACTS.replace("u_fixture_mm = 0.0005", "u_fixture_mm = 0.006"))
-    Path("simple.toml").write_text(confirm(plan_text("iso10360-12"), "simple"))
+    Path("points.csv").write_text(Made(noise_mm=0.03).iso().text(), encoding="utf-8")
+    Path("artefacts.toml").write_text(
+        ARTEFACTS.replace("u_fixture_mm = 0.0005", "u_fixture_mm = 0.006"), encoding="utf-8"
+    )
+    Path("simple.toml").write_text(confirm(plan_text("iso10360-12"), "simple"), encoding="utf-8")
     ran = truearm(*options("simple.toml"), "--json")
     found = json.loads(ran.out)
     form = found["rows"][1]
@@ -204,9 +211,9 @@ def test_simple_acceptance_hides_no_value_far_beyond_its_limit(truearm, bench):
 def test_a_specification_is_not_kept_by_what_was_not_tested(truearm, bench):
     """Probing alone, as a plan of one's own may ask: the verdict speaks of what was tested, the rest is named."""
     whole = CONFIRMED_PLAN
-    Path("own.toml").write_text(whole[: whole.index("[articulation]")])
-    points = Path("points.csv").read_text()
-    Path("points.csv").write_text("".join(without("uni,")(without("articulation,")(points))))
+    Path("own.toml").write_text(whole[: whole.index("[articulation]")], encoding="utf-8")
+    points = Path("points.csv").read_text(encoding="utf-8")
+    Path("points.csv").write_text("".join(without("uni,")(without("articulation,")(points))), encoding="utf-8")
     ran = truearm(*options("own.toml")).done()
     assert (
         "limits of the specification that were not tested: L_Dia.5x5, E_Uni, E_Bi, EffectiveDiameter, SPAT.Max"
@@ -216,12 +223,12 @@ def test_a_specification_is_not_kept_by_what_was_not_tested(truearm, bench):
 
 
 def test_both_standards_and_opposite_faces(truearm, bench):
-    Path("points.csv").write_text(Made(degC=23.5).asme().text())
+    Path("points.csv").write_text(Made(degC=23.5).asme().text(), encoding="utf-8")
     ran = truearm(*options("asme.toml")).done()
     for label in ("EffectiveDiameter", "SPAT.Max", "SPAT.2s", "Volumetric.Max", "Volumetric.2RMS"):
         assert label in ran.out
     assert "the specification states no limit for: Volumetric.2s, Volumetric.2RMS" in ran.out
-    Path("points.csv").write_text(Made(degC=18.0).iso(bi=True).text())
+    Path("points.csv").write_text(Made(degC=18.0).iso(bi=True).text(), encoding="utf-8")
     ran = truearm(*options()).done()
     assert "E_Bi, 1700" in ran.out
     assert "was not carried out" not in ran.out
@@ -556,16 +563,16 @@ POINTS = {
 def test_wrong_points_are_refused(refused, bench, what):
     change, phrases = POINTS[what]
     path = Path("points.csv")
-    before = path.read_text()
-    path.write_text(change(before))
-    assert path.read_text() != before
+    before = path.read_text(encoding="utf-8")
+    path.write_text(change(before), encoding="utf-8")
+    assert path.read_text(encoding="utf-8") != before
     assert "truearm import" not in refused(options(), "truearm: points.csv", *phrases)
 
 
 def test_empty_rows_at_the_end_are_no_points(truearm, bench):
     path = Path("points.csv")
     before = truearm(*options())
-    path.write_text(path.read_text() + ",,,,,,,,,,,\n\n,,,,,,,,,,,\n")
+    path.write_text(path.read_text(encoding="utf-8") + ",,,,,,,,,,,\n\n,,,,,,,,,,,\n", encoding="utf-8")
     assert truearm(*options()) == before
 
 
@@ -627,22 +634,22 @@ def good(truearm, tmp_path_factory):
 def test_a_blunder_is_reported_beside_the_verdict(truearm, bench, good, what):
     file, change, told = SLIPS[what]
     path = Path(file)
-    path.write_text(change(path.read_text()))
+    path.write_text(change(path.read_text(encoding="utf-8")), encoding="utf-8")
     ran = truearm(*options(), "--json", "--page", "page.html")
     found = json.loads(ran.out)
     assert (ran.code, found["verdict"]) == (1, "not conform"), ran
     (slip,) = [remark for remark in found["remarks"] if remark not in good["remarks"]]
     assert re.fullmatch(told, slip), slip
     assert slip in truearm(*options()).out
-    assert html.escape(slip[1:]).replace("&#x27;", "&#39;") in Path("page.html").read_text()
+    assert html.escape(slip[1:]).replace("&#x27;", "&#39;") in Path("page.html").read_text(encoding="utf-8")
 
 
 def test_single_points_in_a_seat_and_lengths_of_the_other_standard(truearm, bench):
     """A seat's point 2 mm off; and a length of the bar that was calibrated otherwise."""
     made = Made().asme().text()
     line = next(i for i, row in enumerate(made.splitlines(), 1) if row.startswith("single_point")) + 4
-    Path("points.csv").write_text(made.replace(*off(made, line, 2.0)))
-    Path("artefacts.toml").write_text(ARTEFACTS.replace("length_mm = 900.003", "length_mm = 909.003"))
+    Path("points.csv").write_text(made.replace(*off(made, line, 2.0)), encoding="utf-8")
+    Path("artefacts.toml").write_text(ARTEFACTS.replace("length_mm = 900.003", "length_mm = 909.003"), encoding="utf-8")
     found = json.loads(truearm(*options("asme.toml"), "--json").out)
     seat, length = found["remarks"][:2]
     assert seat == (
@@ -655,7 +662,7 @@ def test_single_points_in_a_seat_and_lengths_of_the_other_standard(truearm, benc
 def test_an_arm_out_of_adjustment_is_no_blunder(truearm, bench):
     """Ten times its noise, 0.5 mm in a metre: not conform, and nothing is suspected."""
     good = json.loads(truearm(*options(), "--json").out)["remarks"]
-    Path("points.csv").write_text(Made(noise_mm=0.05, too_large=1e-4, away_mm=0.2).iso().text())
+    Path("points.csv").write_text(Made(noise_mm=0.05, too_large=1e-4, away_mm=0.2).iso().text(), encoding="utf-8")
     found = json.loads(truearm(*options(), "--json").out)
     assert {row["verdict"] for row in found["rows"]} >= {"not conform"}
     assert found["remarks"] == good
@@ -665,10 +672,12 @@ def test_equal_points_have_no_outlier(truearm, bench):
     """Seats of an arm with noise of 0.1 um: the one whose point is 2 mm off is told, the others scatter by nothing."""
     plan = confirm(plan_text("asme-b89.4.22"))
     head, _, rest = plan.partition("[effective_diameter]")
-    Path("own.toml").write_text(head + "[single_point]" + rest.partition("[single_point]")[2].partition("[volum")[0])
+    Path("own.toml").write_text(
+        head + "[single_point]" + rest.partition("[single_point]")[2].partition("[volum")[0], encoding="utf-8"
+    )
     rows = Made(noise_mm=0.0001).asme().text().splitlines(keepends=True)
     text = "".join(row for row in rows if row.startswith(("test", "single_point")))
-    Path("points.csv").write_text(text.replace(*off(text, 15, 2.0), 1))
+    Path("points.csv").write_text(text.replace(*off(text, 15, 2.0), 1), encoding="utf-8")
     found = json.loads(truearm(*options("own.toml"), "--json").out)
     (told,) = [remark for remark in found["remarks"] if "only the point" in remark]
     assert told.startswith("test 'single_point', position middle: only the point of line")
@@ -680,7 +689,7 @@ def test_most_points_of_a_seat_the_same_are_refused(truearm, bench, n):
     lines = Made().asme().text().splitlines(keepends=True)
     at = next(i for i, line in enumerate(lines) if line.startswith("single_point"))
     lines[at : at + n] = [lines[at]] * n
-    Path("points.csv").write_text("".join(lines))
+    Path("points.csv").write_text("".join(lines), encoding="utf-8")
     ran = truearm(*options("asme.toml"))
     if n == 5:
         assert ran.code != 2, ran
@@ -696,7 +705,7 @@ def test_most_points_of_a_seat_the_same_are_refused(truearm, bench, n):
 @pytest.mark.parametrize("range_mm", [250, 1600])
 def test_an_arm_reaches_no_farther_than_its_measuring_range(truearm, refused, bench, range_mm):
     """It measured a bar of 1700 mm; makers who round 1.7 m to 1.65 are believed."""
-    Path("mpe.toml").write_text(MPE.replace("2500", str(range_mm)))
+    Path("mpe.toml").write_text(MPE.replace("2500", str(range_mm)), encoding="utf-8")
     refused(options(), f"mm apart, more than the measuring range of {range_mm} mm. Try: correct measuring_range_mm")
     if range_mm == 250:  # of which 150 mm is no short length
         return
@@ -706,22 +715,26 @@ def test_an_arm_reaches_no_farther_than_its_measuring_range(truearm, refused, be
 
 def test_thermometers_are_uncertain(truearm, bench):
     for degC, code in ((20.0, 0), (24.0, 2)):
-        Path("points.csv").write_text(Made(degC=degC).iso().text())
-        Path("artefacts.toml").write_text(ARTEFACTS.replace("u_temperature_K = 0.5", "u_temperature_K = 0.0"))
+        Path("points.csv").write_text(Made(degC=degC).iso().text(), encoding="utf-8")
+        Path("artefacts.toml").write_text(
+            ARTEFACTS.replace("u_temperature_K = 0.5", "u_temperature_K = 0.0"), encoding="utf-8"
+        )
         ran = truearm(*options())
         assert ran.code == code, ran
     assert "u_temperature_K = 0 of 'bar', measured more than 1 K from 20 degC" in ran.err
 
 
 def test_every_form_states_the_measuring_range_and_the_serial_numbers_of_the_artefacts(truearm, bench):
-    Path("artefacts.toml").write_text(ARTEFACTS.replace('name = "bar"', 'name = "bar"\nserial_number = "B-77"'))
+    Path("artefacts.toml").write_text(
+        ARTEFACTS.replace('name = "bar"', 'name = "bar"\nserial_number = "B-77"'), encoding="utf-8"
+    )
     ran = truearm(*options(), "--page", "page.html")
     assert "measuring arm 2.5 m, measuring range 2500 mm" in ran.out.splitlines()[1]
     assert "Artefacts: ball, serial number not stated; bar, serial number B-77." in ran.out
     found = json.loads(truearm(*options(), "--json").out)
     assert found["measuring_range_mm"] == 2500
     assert [(one["name"], one["serial_number"]) for one in found["artefacts"]] == [("ball", None), ("bar", "B-77")]
-    page = html.unescape(Path("page.html").read_text())
+    page = html.unescape(Path("page.html").read_text(encoding="utf-8"))
     assert "its data sheet, for a measuring range of 2500 mm." in page
     assert "bar, serial number B-77, length 1700" in page
 
@@ -736,11 +749,13 @@ def test_every_form_states_the_measuring_range_and_the_serial_numbers_of_the_art
 )
 def test_a_layout_that_the_plan_does_not_ask_for_is_refused(truearm, bench, change, said):
     """Another one is a plan of one's own, which its results say."""
-    Path("points.csv").write_text(change(Made().asme().text()))
+    Path("points.csv").write_text(change(Made().asme().text()), encoding="utf-8")
     ran = truearm(*options("asme.toml"))
     assert (ran.code, said is None or said in ran.err) == (0 if said is None else 2, True), ran
-    own = Path("asme.toml").read_text().replace("directions = { value = 4", "directions = { value = 1")
-    Path("asme.toml").write_text(own.replace("spread_share = { value = 0.3", "spread_share = { value = 0"))
+    own = Path("asme.toml").read_text(encoding="utf-8").replace("directions = { value = 4", "directions = { value = 1")
+    Path("asme.toml").write_text(
+        own.replace("spread_share = { value = 0.3", "spread_share = { value = 0"), encoding="utf-8"
+    )
     ran = truearm(*options("asme.toml"))
     assert ", own plan: measuring arm 2.5 m" in ran.out.splitlines()[1]
     assert "own plan, different from truearm's plan after ASME B89.4.22-2004: directions = 1 (4)" in ran.out
@@ -748,9 +763,11 @@ def test_a_layout_that_the_plan_does_not_ask_for_is_refused(truearm, bench, chan
 
 def test_bars_too_short_for_the_arm_are_refused_in_the_volumetric_test(truearm, bench):
     """1700 mm are 68 % of 2500 mm, 60 % of 2833 mm: enough up to there."""
-    Path("points.csv").write_text(Made().asme().text())
+    Path("points.csv").write_text(Made().asme().text(), encoding="utf-8")
     for range_mm, code in ((2800, 0), (2850, 2)):
-        Path("mpe.toml").write_text(MPE.replace("measuring_range_mm = 2500", f"measuring_range_mm = {range_mm}"))
+        Path("mpe.toml").write_text(
+            MPE.replace("measuring_range_mm = 2500", f"measuring_range_mm = {range_mm}"), encoding="utf-8"
+        )
         ran = truearm(*options("asme.toml"))
         assert ran.code == code, ran
     assert "test 'volumetric': the longest length is 1700 mm, the plan asks for 1710 mm or more, 60%" in ran.err
@@ -760,11 +777,11 @@ def test_bars_too_short_for_the_arm_are_refused_in_the_volumetric_test(truearm, 
 def test_ends_the_other_way_round_in_a_run_are_told_and_change_nothing(truearm, bench):
     good = truearm(*options())
     swap = {"A": "B", "B": "A"}
-    rows = [line.split(",") for line in Path("points.csv").read_text().splitlines()]
+    rows = [line.split(",") for line in Path("points.csv").read_text(encoding="utf-8").splitlines()]
     for row in rows:
         if (row[3], row[4], row[5]) == ("4", "450", "2"):
             row[6] = swap[row[6]]
-    Path("points.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
+    Path("points.csv").write_text("\n".join(",".join(row) for row in rows) + "\n", encoding="utf-8")
     ran = truearm(*options())
     (told,) = set(ran.out.splitlines()) - set(good.out.splitlines())
     assert ran.code == 0
@@ -776,18 +793,21 @@ def test_ends_the_other_way_round_in_a_run_are_told_and_change_nothing(truearm, 
 
 def test_points_of_one_group_are_of_one_day(refused, bench):
     path = Path("points.csv")
-    path.write_text(first("probing,ball,2026-11-03,1", "2026-11-03", "2026-11-04")(path.read_text()))
+    path.write_text(
+        first("probing,ball,2026-11-03,1", "2026-11-03", "2026-11-04")(path.read_text(encoding="utf-8")),
+        encoding="utf-8",
+    )
     refused(options(), "points of one group were measured on 2026-11-04 and on 2026-11-03")
 
 
 def test_groups_of_two_places_are_not_taken_for_one(refused, bench):
     path = Path("points.csv")
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     lines = [line.split(",") for line in text.splitlines()]
     for cells in lines:
         if cells[0] == "articulation" and cells[3] == "1" and cells[7] == "C":
             cells[8] = repr(float(cells[8]) + 40)
-    path.write_text("\n".join(",".join(cells) for cells in lines) + "\n")
+    path.write_text("\n".join(",".join(cells) for cells in lines) + "\n", encoding="utf-8")
     refused(options(), "position 1, group C: the sphere is", "stays in place")
 
 
@@ -809,14 +829,16 @@ def test_groups_of_two_places_are_not_taken_for_one(refused, bench):
 )
 def test_wrong_certificates_and_limits_are_refused(refused, bench, file, before, after, phrases):
     path = Path(file)
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     assert before in text
-    path.write_text(text.replace(before, after, 1))
+    path.write_text(text.replace(before, after, 1), encoding="utf-8")
     refused(options(), *phrases)
 
 
 def test_limits_of_another_standard_decide_nothing(refused, bench):
-    Path("mpe.toml").write_text(MPE.partition("[limits]")[0] + '[limits]\n"SPAT.Max" = { B_um = 30 }\n')
+    Path("mpe.toml").write_text(
+        MPE.partition("[limits]")[0] + '[limits]\n"SPAT.Max" = { B_um = 30 }\n', encoding="utf-8"
+    )
     refused(options(), "states no limit for what was tested")
 
 
@@ -854,7 +876,9 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, refused, bench):
     (after,) = (shown.partition("\n") for shown in blocks("verification.md", "console one bar"))
     lines = ARTEFACTS.splitlines(keepends=True)
     lengths = [line for line in lines if line.startswith('  { name = "')]
-    Path("mine.toml").write_text("".join(line for line in lines if line not in lengths or '"900"' in line))
+    Path("mine.toml").write_text(
+        "".join(line for line in lines if line not in lengths or '"900"' in line), encoding="utf-8"
+    )
     refused(
         ["verify", "sheet", "iso10360-12", "--page", "sheet.html", "--artefacts", "mine.toml"],
         "needs 5 calibrated lengths, the file of artefacts has 1",
@@ -864,12 +888,13 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, refused, bench):
     head, _, uni = plan.partition("[uni]")
     for line in blocks("verification.md", "toml one bar")[0].splitlines():
         uni = re.sub(rf"(?m)^{line.split(' = ')[0]} = .*$", line, uni, count=1)
-    Path("my-plan.toml").write_text(f"{head}[uni]{uni}")
+    Path("my-plan.toml").write_text(f"{head}[uni]{uni}", encoding="utf-8")
     ran = truearm(*after[0].removeprefix("$ truearm ").split())
     assert (ran.code, ran.out) == (0, after[2]), ran
-    points = Path("points.csv").read_text()
+    points = Path("points.csv").read_text(encoding="utf-8")
     Path("points.csv").write_text(
-        "".join(row for row in points.splitlines(keepends=True) if "uni," not in row or ",900," in row)
+        "".join(row for row in points.splitlines(keepends=True) if "uni," not in row or ",900," in row),
+        encoding="utf-8",
     )
     assert (
         "the plan asks for 5 lengths, got 1: 'bar 900'. Try: measure those that are missing, or change"
@@ -879,7 +904,7 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, refused, bench):
     assert ran.code == 3, ran
     assert "E_Uni, 900" in ran.out
     assert "lengths = 1, positions = 7, directions = 4, repeats = 3, longest_share = 0.36" in ran.out
-    Path("my-plan.toml").write_text(confirm(Path("my-plan.toml").read_text()))
+    Path("my-plan.toml").write_text(confirm(Path("my-plan.toml").read_text(encoding="utf-8")), encoding="utf-8")
     ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml"))).done()
     assert (
         "plan, uni: own plan, different from truearm's plan after ISO 10360-12:2016: lengths = 1 (5), longest_share = "
@@ -892,11 +917,11 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, refused, bench):
     head, _, volumetric = plan.partition("[volumetric]")
     for line in blocks("verification.md", "toml one bar")[0].splitlines():
         volumetric = re.sub(rf"(?m)^{line.split(' = ')[0]} = .*$", line, volumetric, count=1)
-    Path("my-plan.toml").write_text(f"{head}[volumetric]{volumetric}")
+    Path("my-plan.toml").write_text(f"{head}[volumetric]{volumetric}", encoding="utf-8")
     rows = [row for row in Made().asme().text().splitlines(keepends=True) if ",1700," not in row]
     more = [row.split(",") for row in Made(seed=2).asme().text().splitlines(keepends=True) if ",900," in row]
     more = [[*cells[:3], f"{int(cells[3]) + 10}", *cells[4:]] for cells in more]
-    Path("points.csv").write_text("".join([*rows, *map(",".join, more)]))
+    Path("points.csv").write_text("".join([*rows, *map(",".join, more)]), encoding="utf-8")
     ran = truearm(*(option.replace("artefacts.toml", "mine.toml") for option in options("my-plan.toml")))
     assert ran.code == 3, ran  # the two are agreed, and not confirmed
     assert "[volumetric]" not in ran.out
@@ -907,20 +932,20 @@ def test_the_page_tells_what_to_do_with_one_ball_bar(truearm, refused, bench):
 def test_an_empty_file_is_printed_to_fill_in(truearm, bench, kind, key):
     ran = truearm("verify", "template", kind).done()
     assert key in ran.out
-    Path(f"{kind}.toml").write_text(ran.out)
+    Path(f"{kind}.toml").write_text(ran.out, encoding="utf-8")
     assert truearm(*options()).refused().err.startswith(f"truearm: {kind}.toml: 2 faults\n  1. ")
 
 
 def test_the_points_state_the_arm_that_measured_them(truearm, refused, bench):
-    Path("points.csv").write_text(Made().iso().text("10017"))
+    Path("points.csv").write_text(Made().iso().text("10017"), encoding="utf-8")
     ran = truearm(*options(), "--page", "page.html")
     assert ran.out.splitlines()[1].endswith("measuring range 2500 mm, serial number 10017")
-    assert "10017" in Path("page.html").read_text()
+    assert "10017" in Path("page.html").read_text(encoding="utf-8")
     assert json.loads(truearm(*options(), "--json").out)["serial_number"] == "10017"
     first, _, last = Made().iso().text("10017").rpartition("10017")
-    Path("points.csv").write_text(f"{first}10018{last}")
+    Path("points.csv").write_text(f"{first}10018{last}", encoding="utf-8")
     refused(options(), "column 'serial_number': expected points of one arm, got serial numbers '10017' and '10018'")
-    Path("points.csv").write_text(f"{first}B{last}".replace("10017", "{cell}"))
+    Path("points.csv").write_text(f"{first}B{last}".replace("10017", "{cell}"), encoding="utf-8")
     assert "expected points of one arm, got serial numbers '{cell}' and 'B'" in truearm(*options()).err
 
 
@@ -935,23 +960,23 @@ def test_the_page_names_every_column_and_what_tells_groups_apart():
 
 
 def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, refused, bench, snapshot):
-    Path("points.csv").write_text(Made(too_large=60e-6).iso().text())
+    Path("points.csv").write_text(Made(too_large=60e-6).iso().text(), encoding="utf-8")
     ran = truearm(*options(), "--page", "page.html")
     assert (ran.code, ran.err) == (1, "")
-    html = Path("page.html").read_text()
+    html = Path("page.html").read_text(encoding="utf-8")
     assert "measuring arm 2.5 m: not conform" in html
     for label in ("P_Size.Sph.1x25", "E_Uni, 1700", "fixture", "K-102"):
         assert label in html
     assert "SHA-256" in html
-    Path("my-plan.toml").write_text(plan_text("iso10360-12"))
+    Path("my-plan.toml").write_text(plan_text("iso10360-12"), encoding="utf-8")
     assert truearm(*options("my-plan.toml"), "--page", "page.html").code == 3
-    assert "check against your copy of the standard" in Path("page.html").read_text()
+    assert "check against your copy of the standard" in Path("page.html").read_text(encoding="utf-8")
     for file in ("my-plan.toml", "points.csv", "artefacts.toml", "mpe.toml"):
-        assert f"SHA-256 {sha256(Path(file).read_bytes()).hexdigest()}" in Path("page.html").read_text()
+        assert f"SHA-256 {sha256(Path(file).read_bytes()).hexdigest()}" in Path("page.html").read_text(encoding="utf-8")
     before = snapshot(bench)
     for page in ("points.csv", "page.pdf", "away/page.html"):
         refused([*options(), "--page", page], page)
-    Path("mpe.toml").write_text("")
+    Path("mpe.toml").write_text("", encoding="utf-8")
     assert truearm(*options(), "--page", "other.html").code == 2
     assert snapshot(bench) == before | {"mpe.toml": b""}
 
@@ -961,26 +986,30 @@ def test_the_page_stands_beside_the_verdict_or_not_at_all(truearm, refused, benc
 
 def with_serials(number):
     """The rows of the points with the serial number of each artefact."""
-    head, *rows = Path("points.csv").read_text().splitlines()
+    head, *rows = Path("points.csv").read_text(encoding="utf-8").splitlines()
     Path("points.csv").write_text(
-        "\n".join([f"{head},artefact_serial_number", *(f"{row},{number(row)}" for row in rows)])
+        "\n".join([f"{head},artefact_serial_number", *(f"{row},{number(row)}" for row in rows)]), encoding="utf-8"
     )
 
 
 def test_the_serial_number_of_an_artefact_is_compared_with_the_points(truearm, bench):
     artefacts = ARTEFACTS.replace('name = "bar"\n', 'name = "bar"\nserial_number = "B-7"\n')
-    Path("artefacts.toml").write_text(artefacts.replace('name = "ball"\n', 'name = "ball"\nserial_number = "S-1"\n'))
+    Path("artefacts.toml").write_text(
+        artefacts.replace('name = "ball"\n', 'name = "ball"\nserial_number = "S-1"\n'), encoding="utf-8"
+    )
     assert truearm(*options()).code == 0  # points without the column
-    plain = Path("points.csv").read_text()
+    plain = Path("points.csv").read_text(encoding="utf-8")
     with_serials(lambda row: "B-7" if ",bar," in row else "S-1")
     ran = truearm(*options())
     assert (ran.code, "was not compared" in ran.out) == (0, False)
-    Path("artefacts.toml").write_text(artefacts)  # none of the ball
+    Path("artefacts.toml").write_text(artefacts, encoding="utf-8")  # none of the ball
     said = "he serial number 'S-1' that the points state of 'ball' was not compared: the file of artefacts states none"
     assert truearm(*options()).out.count(said) == 1
-    Path("artefacts.toml").write_text(artefacts.replace('name = "ball"\n', 'name = "ball"\nserial_number = "S-1"\n'))
+    Path("artefacts.toml").write_text(
+        artefacts.replace('name = "ball"\n', 'name = "ball"\nserial_number = "S-1"\n'), encoding="utf-8"
+    )
     for number, named in (("B-8", ""), ("S-1", ", that of 'ball'")):
-        Path("points.csv").write_text(plain)
+        Path("points.csv").write_text(plain, encoding="utf-8")
         with_serials(lambda row, number=number: number if ",bar," in row else "S-1")
         ran = truearm(*options())
         line = next(i for i, row in enumerate(plain.splitlines(), 1) if ",bar," in row)
@@ -989,7 +1018,7 @@ def test_the_serial_number_of_an_artefact_is_compared_with_the_points(truearm, b
             f"truearm: points.csv, line {line}: points on 'bar', which has the serial number 'B-7' by the file of "
             f"artefacts; here it is '{number}'{named}. Try: check the columns artefact"
         )
-    Path("points.csv").write_text(plain)
+    Path("points.csv").write_text(plain, encoding="utf-8")
     with_serials(lambda row: row[-8:-6])
     assert "expected a group on one artefact, got serial numbers" in truearm(*options()).err
 
@@ -1002,7 +1031,9 @@ def test_exchanged_bars_are_refused_with_odds_and_accepted_with_a_reason(truearm
 
     def file(*bars):
         named = [text.replace('"bar"', f'"{name}"') for text, name in zip(bars, ("bar", "bar 2"), strict=True)]
-        Path("artefacts.toml").write_text("[[bars]]".join([ball, *named[:1], f"{named[1]}[[seats]]{seat}"]))
+        Path("artefacts.toml").write_text(
+            "[[bars]]".join([ball, *named[:1], f"{named[1]}[[seats]]{seat}"]), encoding="utf-8"
+        )
 
     file(bar, other)
     assert truearm(*options()).code == 0
@@ -1018,9 +1049,11 @@ def test_exchanged_bars_are_refused_with_odds_and_accepted_with_a_reason(truearm
 
 
 def test_air_and_artefacts_that_disagree_are_said(truearm, bench):
-    head, *rows = Path("points.csv").read_text().splitlines()
+    head, *rows = Path("points.csv").read_text(encoding="utf-8").splitlines()
     for air, apart in ((19.4, "up to 0.6 K outside"), (19.8, None)):
-        Path("points.csv").write_text("\n".join([f"{head},air_degC", *(f"{row},{air}" for row in rows)]))
+        Path("points.csv").write_text(
+            "\n".join([f"{head},air_degC", *(f"{row},{air}" for row in rows)]), encoding="utf-8"
+        )
         ran = truearm(*options()).done()
         assert (f"the air was stated at {air} degC, the artefacts at 20 degC" in ran.out) == (apart is not None)
         assert apart is None or apart in ran.out
