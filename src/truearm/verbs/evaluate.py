@@ -19,8 +19,13 @@ from truearm.errors import InputError
 from truearm.findings import Finding, findings_of, format_mm
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models import Compensator
-from truearm.models.orientation_errors import orientation_errors
-from truearm.models.uncertainty import UncertaintyBudget, uncertainty_budget, what_limits, why_most_are_outliers
+from truearm.models.uncertainty import (
+    UncertaintyBudget,
+    orientation_errors,
+    uncertainty_budget,
+    what_limits,
+    why_most_are_outliers,
+)
 from truearm.readings import (
     Lengths,
     LengthSummary,

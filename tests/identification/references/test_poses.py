@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.errors import InputError
-from truearm.identification.references.poses import Poses
+from truearm.identification.references.orientations import Poses
 from truearm.identification.references.reading_references import references_of
 from truearm.readings.pose_errors import PoseErrors
 

@@ -25,7 +25,7 @@ def kinematic_only(monkeypatch):
 
     A model of another name cannot be fitted, like one that the readings do not determine.
     """
-    monkeypatch.setattr("truearm.wings.gao2017.carry_out.MODELS", ("kinematic", "nothing"))
+    monkeypatch.setattr("truearm.wings.gao2017.reproduce.MODELS", ("kinematic", "nothing"))
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +180,7 @@ def test_beside_the_network_stand_the_models_of_the_arm(measured, tmp_path):
 
 
 def test_without_a_test_every_model_predicts_what_its_folds_held_out(measured, tmp_path, monkeypatch):
-    monkeypatch.setattr("truearm.wings.gao2017.carry_out.MODELS", ())
+    monkeypatch.setattr("truearm.wings.gao2017.reproduce.MODELS", ())
     train = measured[0]
     result = ta.reproduce(readings=train, arm="gao2017", folder=tmp_path, **ONE)
     results = result.results

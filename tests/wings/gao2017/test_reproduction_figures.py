@@ -19,9 +19,8 @@ from truearm.wings.gao2017.claim_figures import (
     scatter_figure,
     share_figure,
 )
-from truearm.wings.gao2017.network_drawing import network_layers
 from truearm.wings.gao2017.results import BoxStudy, LearningRate, OutsideErrors, Scatter
-from truearm.wings.gao2017.table_figure import STYLES, TableFigureRow, table_figure
+from truearm.wings.gao2017.table_figure import STYLES, TableFigureRow, network_layers, table_figure
 
 PARAMETERS = np.array([[0, 376, -90], [62, 0, -90], [0, 751, -90], [62, 0, -90], [0, 500, -90], [0, 15, 90.0]])
 

@@ -31,9 +31,8 @@ from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_session
 from truearm.verbs.record import TextTable, format_fixed, number_of
 from truearm.wings.camera.cell_images import NAMING, BoardLike, CameraLike, CellImages, PixelsLike
-from truearm.wings.camera.cell_poses import CellPoses
+from truearm.wings.camera.cell_poses import CellPoses, ImageErrors
 from truearm.wings.camera.closed_form import closed_form, refined
-from truearm.wings.camera.image_errors import ImageErrors
 from truearm.wings.camera.images import (
     GROSS_STDS,
     LEAST_CORNERS,

@@ -2,7 +2,6 @@
 
 # Public names by the module of this folder that defines them; commands by the function that has each.
 NAMES = {
-    "carry_out": ("ProcedureResult",),
-    "reproduce": ("ReproductionResult", "reproduce"),
+    "reproduce": ("ProcedureResult", "ReproductionResult", "reproduce"),
 }
 COMMANDS = {"demo": "commands:demo", "reproduce": "commands:reproduce"}

@@ -24,10 +24,9 @@ from truearm.pages.plotting import Figure
 from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.wings.gao2017.claim_figures import share_figure
-from truearm.wings.gao2017.network_drawing import network_layers
 from truearm.wings.gao2017.results import MODELS
 from truearm.wings.gao2017.search import CoordinateErrors, CrossValidation, SearchGrid, SettingResult
-from truearm.wings.gao2017.table_figure import STYLES
+from truearm.wings.gao2017.table_figure import STYLES, network_layers
 from truearm.wings.gao2017.training import ProgressCallback
 
 

@@ -33,10 +33,9 @@ from truearm.wings.gao2017.claim_sections import (
     scatter_section,
     share_section,
 )
-from truearm.wings.gao2017.network_drawing import network_layers
 from truearm.wings.gao2017.phrases import COMMAND, MissingPart, as_count, format_degrees, mark_cut, with_figure_number
 from truearm.wings.gao2017.results import METHODS, ArmPose, Predictions, Reproduction, RowResult, Run
-from truearm.wings.gao2017.table_figure import STYLES
+from truearm.wings.gao2017.table_figure import STYLES, network_layers
 from truearm.wings.gao2017.table_sections import (
     count_cut,
     count_verdicts,

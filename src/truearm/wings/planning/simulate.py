@@ -381,7 +381,7 @@ def rehearse(
         if lengths is not None or moved:
             raise InputError("lengths and moved are for a plan of readings, not for the points of a verification")
         from truearm.wings.laboratory.standards.points_form import read_planned_points
-        from truearm.wings.laboratory.tasks.rehearsed_points import rehearse_points
+        from truearm.wings.laboratory.tasks.simulated_verification import rehearse_points
         from truearm.wings.laboratory.verbs.verify import to_artefacts
 
         measured = rehearse_points(virtual, read_planned_points(plan), to_artefacts(artefacts), seed=seed)

@@ -8,13 +8,12 @@ import pytest
 
 import truearm as ta
 from truearm.wings.bench.live_server.http_operations import HttpOperations
-from truearm.wings.bench.live_server.live import FRAMES_HZ, LiveRecording
-from truearm.wings.bench.live_server.live_page import drawn_arm, live_page
+from truearm.wings.bench.live_server.live import FRAMES_HZ, LiveRecording, drawn_arm, live_page
 from truearm.wings.bench.live_server.request_checks import RequestChecks
 from truearm.wings.bench.live_server.server import LiveServer
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import StandstillRule
-from truearm.wings.bench.sources.virtual_arm import virtual_arm
+from truearm.wings.bench.sources.replay import virtual_arm
 
 pytest.importorskip("websockets", reason="websockets is not installed")
 

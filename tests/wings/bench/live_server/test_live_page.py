@@ -12,8 +12,7 @@ import truearm as ta
 from refusals import refuses
 from truearm.wings.bench.live_server import messages
 from truearm.wings.bench.live_server.http_operations import HttpOperations
-from truearm.wings.bench.live_server.live import FRAMES_HZ, LiveRecording
-from truearm.wings.bench.live_server.live_page import drawn_arm, live_page
+from truearm.wings.bench.live_server.live import FRAMES_HZ, LiveRecording, drawn_arm, live_page
 from truearm.wings.bench.live_server.messages import encode
 from truearm.wings.bench.live_server.request_checks import RequestChecks
 from truearm.wings.bench.live_server.server import LiveServer

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
-from truearm.wings.bench.live_server.live import FRAMES_HZ, LiveRecording
-from truearm.wings.bench.live_server.live_page import drawn_arm
+from truearm.wings.bench.live_server.live import FRAMES_HZ, LiveRecording, drawn_arm
 from truearm.wings.bench.recording.recording import Recording
 
 

@@ -15,7 +15,7 @@ from truearm.wings.exports.programs.branches import (
     polished,
     quantities_of,
 )
-from truearm.wings.exports.programs.orientations import angles_of, quaternion_of, rotation_of, rotation_of_quaternion
+from truearm.wings.exports.programs.numbers import angles_of, quaternion_of, rotation_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import Condition, Target
 from truearm.wings.exports.programs.rapid import Rapid
 from truearm.wings.exports.programs.solving import Machine, nominal_joints

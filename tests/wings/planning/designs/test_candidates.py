@@ -10,8 +10,13 @@ from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.wings.planning.designs.candidates import Candidates, bar_places, seat_poses, tracker_poses, volume_poses
-from truearm.wings.planning.designs.exchange import DesignProblem, select_candidates
-from truearm.wings.planning.designs.factors import moment_matrix, project_out, stack_factors
+from truearm.wings.planning.designs.exchange import (
+    DesignProblem,
+    moment_matrix,
+    project_out,
+    select_candidates,
+    stack_factors,
+)
 from truearm.wings.planning.designs.sampling import Sector
 from truearm.wings.planning.designs.sampling.measuring import END_STOP_MARGIN_RAD
 from truearm.wings.planning.designs.sampling.workspace import azimuth_of, joint_origins, stance

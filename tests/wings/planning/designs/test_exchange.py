@@ -14,11 +14,14 @@ from truearm.wings.planning.designs.exchange import (
     DOptimality,
     IOptimality,
     _Posterior,
+    factor_of,
     fedorov_exchange,
     greedy,
+    moment_matrix,
+    project_out,
     select_candidates,
+    stack_factors,
 )
-from truearm.wings.planning.designs.factors import factor_of, moment_matrix, project_out, stack_factors
 
 CRITERIA = [IOptimality(), DOptimality()]
 

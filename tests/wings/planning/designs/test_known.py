@@ -10,7 +10,7 @@ from truearm.identification.terms.basis import Constant
 from truearm.models import KinematicModel, NominalModel
 from truearm.readings import Session
 from truearm.wings.planning.designs.candidates import seat_poses, tracker_poses, volume_poses
-from truearm.wings.planning.designs.factors import moment_matrix
+from truearm.wings.planning.designs.exchange import moment_matrix
 from truearm.wings.planning.designs.information import design_problem, tip_jacobian
 from truearm.wings.planning.designs.prior import identified_prior, nominal_prior
 from truearm.wings.planning.virtual import VirtualArm, load_preset

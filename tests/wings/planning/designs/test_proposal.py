@@ -6,7 +6,7 @@ from test_candidates import gantry
 
 from refusals import refuses
 from truearm.arm.catalogue import load_arm
-from truearm.wings.planning.designs.factors import moment_matrix
+from truearm.wings.planning.designs.exchange import moment_matrix
 from truearm.wings.planning.designs.information import tip_jacobian
 from truearm.wings.planning.designs.plan import limitations
 from truearm.wings.planning.designs.prior import nominal_prior

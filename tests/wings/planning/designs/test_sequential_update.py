@@ -11,8 +11,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.readings import Session
 from truearm.wings.planning.designs import sequential_update
 from truearm.wings.planning.designs.candidates import seat_poses, tracker_poses, volume_poses
-from truearm.wings.planning.designs.exchange import decreases
-from truearm.wings.planning.designs.factors import moment_matrix
+from truearm.wings.planning.designs.exchange import decreases, moment_matrix
 from truearm.wings.planning.designs.information import tip_jacobian
 from truearm.wings.planning.designs.prior import nominal_prior
 from truearm.wings.planning.designs.sequential_update import Estimate, updated_estimate, with_reading

@@ -23,8 +23,14 @@ from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray, NameArray
 from truearm.wings.bench.recording.session_log import Event
 from truearm.wings.planning.designs.candidates import seat_poses, tracker_poses, volume_poses
-from truearm.wings.planning.designs.exchange import DesignProblem, DOptimality, IOptimality, decreases, greedy
-from truearm.wings.planning.designs.factors import moment_matrix
+from truearm.wings.planning.designs.exchange import (
+    DesignProblem,
+    DOptimality,
+    IOptimality,
+    decreases,
+    greedy,
+    moment_matrix,
+)
 from truearm.wings.planning.designs.information import tip_jacobian
 from truearm.wings.planning.designs.plan import NOISE_MM
 from truearm.wings.planning.designs.planned_readings import PlannedReadings

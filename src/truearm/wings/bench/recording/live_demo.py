@@ -11,7 +11,7 @@ from truearm.arm import load_arm
 from truearm.typing import FloatArray
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import Source
-from truearm.wings.bench.sources.virtual_arm import virtual_arm
+from truearm.wings.bench.sources.replay import virtual_arm
 from truearm.wings.planning.plan import plan
 from truearm.wings.planning.virtual import VirtualArm
 

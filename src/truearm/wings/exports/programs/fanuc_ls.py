@@ -20,7 +20,7 @@ from truearm.arm import Chain
 from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.orientations import angles_of, rotation_of
+from truearm.wings.exports.programs.numbers import angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
     N_AXES,
     Condition,

@@ -15,8 +15,7 @@ from truearm.arm.rigid_motions import screw_z
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, Real
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.numbers import NOT_THERE, Number
-from truearm.wings.exports.programs.orientations import rotation_of, rotation_of_quaternion
+from truearm.wings.exports.programs.numbers import NOT_THERE, Number, rotation_of, rotation_of_quaternion
 
 Three = tuple[Real, Real, Real]
 _QUATERNION_ROUNDED = 1e-3

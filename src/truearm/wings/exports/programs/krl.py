@@ -25,8 +25,7 @@ from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.named_targets import NamedTarget, NamedTargets
-from truearm.wings.exports.programs.orientations import angles_of, rotation_of
+from truearm.wings.exports.programs.numbers import angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
     COMES_FROM,
     WRITTEN_OTHERWISE,
@@ -36,6 +35,8 @@ from truearm.wings.exports.programs.program import (
     LeftAlone,
     Move,
     MoveKind,
+    NamedTarget,
+    NamedTargets,
     Number,
     Passing,
     Program,

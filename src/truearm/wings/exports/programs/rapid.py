@@ -21,8 +21,7 @@ import numpy as np
 from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.named_targets import NamedTarget, NamedTargets
-from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
+from truearm.wings.exports.programs.numbers import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
     NOT_THERE,
     WRITTEN_OTHERWISE,
@@ -33,6 +32,8 @@ from truearm.wings.exports.programs.program import (
     Lines,
     Move,
     MoveKind,
+    NamedTarget,
+    NamedTargets,
     Number,
     Passing,
     Program,

@@ -27,7 +27,7 @@ from truearm.wings.exports.programs.branches import (
     polished,
     quantities_of,
 )
-from truearm.wings.exports.programs.orientations import angles_of
+from truearm.wings.exports.programs.numbers import angles_of
 from truearm.wings.exports.programs.program import NOT_THERE, Condition, Language, Move, MoveKind, Target
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.correction import correct_targets

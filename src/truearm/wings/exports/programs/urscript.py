@@ -22,7 +22,7 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreements
 from truearm.wings.exports.programs.number_texts import NUMBER, six_numbers
-from truearm.wings.exports.programs.orientations import quaternion_of, rotation_of_quaternion
+from truearm.wings.exports.programs.numbers import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
     COMES_FROM,
     WRITTEN_OTHERWISE,

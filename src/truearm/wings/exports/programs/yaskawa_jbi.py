@@ -17,7 +17,7 @@ import numpy as np
 from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.orientations import angles_of, rotation_of
+from truearm.wings.exports.programs.numbers import angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
     Condition,
     Edit,

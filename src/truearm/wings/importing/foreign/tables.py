@@ -23,6 +23,7 @@ from truearm.wings.exports.targets.lerobot_motors import check_no_data_set
 from truearm.wings.importing.foreign.column_units import (
     PointUnit,
     length_unit,
+    lerobot_meaning,
     mm_of,
     numbers_in_unit,
     settle_joint_units,
@@ -31,7 +32,6 @@ from truearm.wings.importing.foreign.column_units import (
     unit_of_name,
 )
 from truearm.wings.importing.foreign.joined_logs import STANDSTILL_MM, STANDSTILL_S, join_tables, measured_columns
-from truearm.wings.importing.foreign.lerobot_recordings import lerobot_meaning
 from truearm.wings.importing.foreign.no_readings import (
     far_turned,
     is_status,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from truearm.typing import FloatArray, NameArray
+from truearm.wings.importing.tables.cells import canonical_unit, conversion
 from truearm.wings.importing.tables.table import Table
-from truearm.wings.importing.tables.units import canonical_unit, conversion
 
 TIME = re.compile(
     r"(^|[^a-z])(time|times|timestamp|stamp|t|zeit|datum|date|datetime|uhrzeit|clock|elapsed|时间)([^a-z]|$)|timestamp"

@@ -13,24 +13,22 @@ from truearm.typing import FloatArray
 from truearm.wings.laboratory.shapes.normalised_points import frame_across, normalise_points, principal_axes
 from truearm.wings.laboratory.shapes.orthogonal_regression import (
     FARTHEST,
+    RADII,
     Distances,
     Element,
     Fitted,
     Place,
     ShapeFit,
-    fitted,
-    minimise,
-    radial_distances,
-    towards_positive,
-    undetermined_error,
-)
-from truearm.wings.laboratory.shapes.starts import (
-    RADII,
     around,
     best_places,
     centres_across,
+    fitted,
     linear_solutions,
+    minimise,
+    radial_distances,
     round_starts,
+    towards_positive,
+    undetermined_error,
 )
 
 

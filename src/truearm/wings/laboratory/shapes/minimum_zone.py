@@ -29,9 +29,8 @@ from truearm.wings.laboratory.shapes.least_squares_shapes import (
     fit_sphere,
 )
 from truearm.wings.laboratory.shapes.normalised_points import normalise_points
-from truearm.wings.laboratory.shapes.orthogonal_regression import Element, Place, towards_positive
+from truearm.wings.laboratory.shapes.orthogonal_regression import Element, Place, frame_of, towards_positive
 from truearm.wings.laboratory.shapes.relations import located
-from truearm.wings.laboratory.shapes.starts import frame_of
 
 # The work grows with the fourth power of the number: 30 points are 32,000 spheres.
 MAX_SPHERE_POINTS = 30

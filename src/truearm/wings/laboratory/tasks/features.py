@@ -18,8 +18,8 @@ from truearm.wings.laboratory.shapes.least_squares_shapes import (
     fit_plane,
     fit_sphere,
 )
+from truearm.wings.laboratory.shapes.orthogonal_regression import around, frame_of, on_sphere
 from truearm.wings.laboratory.shapes.relations import distance
-from truearm.wings.laboratory.shapes.starts import around, frame_of, on_sphere
 
 UP = np.array([0.0, 0.0, 1.0])
 # A smaller size was probably meant in metres.

@@ -3,6 +3,8 @@
 The points of a layout are posed once for the nominal arm. Each arm measures them with its systematic errors in these
 poses and random errors at each point, on artefacts whose true sizes are drawn within their certificates.
 `truearm.wings.laboratory.standards.verification.verify` judges the points like those of a file.
+
+A rehearsal has the points of a test taken by one virtual arm: joint angles as a person would record them.
 """
 
 from __future__ import annotations
@@ -16,16 +18,19 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
+from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.laboratory.standards.artefacts import Artefacts, CalibratedBar, CalibratedSphere, Seat
 from truearm.wings.laboratory.standards.coordinate_origin import VIRTUAL_ARM, CoordinateOrigin
 from truearm.wings.laboratory.standards.decision import ConformityResult, DecisionRule, Verdict
 from truearm.wings.laboratory.standards.layout import Placement
 from truearm.wings.laboratory.standards.measured_points import MeasuredPoints, PointGroup
+from truearm.wings.laboratory.standards.points_form import ON_SURFACES, PlannedPoints
 from truearm.wings.laboratory.standards.specification import Specification
 from truearm.wings.laboratory.standards.verification import Verification, verify
 from truearm.wings.laboratory.standards.verification_plan import VerificationPlan
-from truearm.wings.laboratory.tasks.posed_test import PosedTest
+from truearm.wings.laboratory.tasks.posed_test import PosedTest, pose
 from truearm.wings.laboratory.tasks.sampled_arms import ArmDistribution, ArmSample
+from truearm.wings.planning.virtual import Measurement, VirtualArm
 
 MAX_ARMS = 100_000
 # First word of the stream, different from those of the arms' own errors.
@@ -237,3 +242,68 @@ def _distribution(rows: Sequence[ConformityResult], at_places: bool) -> ResultDi
         not_conform,
         undecided,
     )
+
+
+# First word of the stream, different from those of other draws.
+_ARTEFACTS = 6
+
+
+def rehearse_points(
+    virtual: VirtualArm, planned: Sequence[PlannedPoints], artefacts: Artefacts, *, seed: int
+) -> Measurement:
+    """Measure the planned points of a test with a virtual arm.
+
+    The artefacts deviate within their certificates and are at 20 degC. The centre of the stylus tip is half its
+    diameter away from a touched surface.
+
+    Parameters
+    ----------
+    virtual : VirtualArm
+    planned : sequence of PlannedPoints
+        Of the whole file.
+    artefacts : Artefacts
+        Certificates of the artefacts.
+    seed : int
+        Of poses, artefacts and noise.
+
+    Returns
+    -------
+    Measurement
+        One reading for each point, in the order of the file, without reference points.
+
+    Raises
+    ------
+    InputError
+        If an artefact has no certificate, or the arm does not reach all points.
+    """
+    layout = [_placement(one, artefacts) for one in planned]
+    posed = pose(layout, virtual.nominal, seed=seed)
+    true = true_points(layout, artefacts, np.random.default_rng([_ARTEFACTS, seed]))
+    tips = np.concatenate(
+        [
+            points + (one.tip_mm / 2 if one.test in ON_SURFACES else 0.0) * placed.normals
+            for points, one, placed in zip(true, planned, layout, strict=True)
+        ]
+    )
+    order = np.argsort(np.concatenate([one.rows for one in planned]), kind="stable")
+    return virtual.measure(posed.angles[order], seed=seed, seat_points=tips[order], reference=False)
+
+
+def _placement(one: PlannedPoints, artefacts: Artefacts) -> Placement:
+    """The group as a layout has it: with the centre of its ball and the normals of the surface."""
+    known = {a.name: a for a in artefacts.all}
+    if one.artefact not in known:
+        raise InputError(
+            f"the file of artefacts has no {one.artefact!r}", hint=f"one of {', '.join(known)}, or --artefacts FILE"
+        )
+    at, normals = _centre(one)
+    return Placement(one.test, one.artefact, one.keys, one.points, normals, at, one.approach)
+
+
+def _centre(one: PlannedPoints) -> tuple[FloatArray, FloatArray]:
+    """Centre of a ball and normals of its surface; of a seat or face the point and the direction to the stylus."""
+    if len(one.points) < 5 or np.ptp(one.points, axis=0).max() == 0:
+        return one.points.mean(axis=0), one.approach
+    centre = fit_sphere(one.points, std_mm=1.0).centre
+    away = one.points - centre
+    return centre, away / np.linalg.norm(away, axis=1, keepdims=True)

@@ -12,8 +12,7 @@ from truearm.identification.terms import ArmState
 from truearm.readings import Lengths
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.planning.designs.candidates import Candidates
-from truearm.wings.planning.designs.exchange import DesignProblem
-from truearm.wings.planning.designs.factors import moment_matrix, project_out, stack_factors
+from truearm.wings.planning.designs.exchange import DesignProblem, moment_matrix, project_out, stack_factors
 
 SEAT_STD_MM = 1e4
 """Prior standard deviation of an unknown position of a seat. A wider one would cost digits."""

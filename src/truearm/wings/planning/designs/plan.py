@@ -19,7 +19,7 @@ from truearm.readings import Session, check_angles, skip_beyond_limits
 from truearm.typing import FloatArray
 from truearm.wings.planning.designs import Strategy
 from truearm.wings.planning.designs.candidates import ON_A_TABLE, Candidates
-from truearm.wings.planning.designs.factors import moment_matrix
+from truearm.wings.planning.designs.exchange import moment_matrix
 from truearm.wings.planning.designs.information import tip_jacobian
 from truearm.wings.planning.designs.prior import Prior, Terms, identified_prior, nominal_prior
 from truearm.wings.planning.designs.proposal import (

@@ -19,7 +19,7 @@ from truearm.identification.terms.linear_axis import linear_axis
 from truearm.readings import Session, check_sessions
 from truearm.typing import FloatArray
 from truearm.wings.planning.designs import Terms as Terms
-from truearm.wings.planning.designs.factors import project_out
+from truearm.wings.planning.designs.exchange import project_out
 from truearm.wings.planning.designs.information import tip_jacobian
 
 HIGHEST_ORDER = 4

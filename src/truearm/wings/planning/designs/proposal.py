@@ -26,8 +26,7 @@ from truearm.wings.planning.designs.candidates import (
     volume_poses,
 )
 from truearm.wings.planning.designs.coordinate_exchange import shorten_path
-from truearm.wings.planning.designs.exchange import DesignProblem, select_candidates
-from truearm.wings.planning.designs.factors import project_out
+from truearm.wings.planning.designs.exchange import DesignProblem, project_out, select_candidates
 from truearm.wings.planning.designs.information import design_problem, tip_jacobian
 from truearm.wings.planning.designs.observability import Observability, observability
 from truearm.wings.planning.designs.planned_readings import checked_count, checked_seed
