@@ -43,7 +43,6 @@ from truearm.identification.judgement.cross_validation import (
     compared_kinds,
     cross_validate_by_group,
 )
-from truearm.identification.judgement.day_to_day import day_to_day_terms, on_another_day
 from truearm.identification.judgement.expansion_prior import (
     at_mean_temperature,
     with_material_prior,
@@ -57,6 +56,7 @@ from truearm.identification.judgement.gross_errors import (
     median_distance,
     nearer_half,
     own_variance,
+    tail_freedom,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
 from truearm.identification.judgement.joint_gains import common_gain, gains_asked, identified_gains, refuse_common_gain
@@ -64,7 +64,9 @@ from truearm.identification.judgement.joint_signs import signs_not_shown, unshow
 from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance
 from truearm.identification.judgement.missing_terms import (
     added_covariance,
+    day_to_day_terms,
     missing_terms,
+    on_another_day,
     with_covariance,
     with_missing_terms,
 )
@@ -92,7 +94,6 @@ from truearm.identification.judgement.stated_uncertainty import (
     check_stated_uncertainty,
     unlike_stated_uncertainty,
 )
-from truearm.identification.judgement.tails import tail_freedom
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import without_sizes
 from truearm.identification.references.references import Reference

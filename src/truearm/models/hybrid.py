@@ -188,7 +188,7 @@ class HybridModel(Compensator):
     variance_function_ : VarianceFunction
         Share of its square at other angles.
     tail_freedom_ : float
-        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.judgement.tails`).
+        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.judgement.gross_errors`).
     held_out_ : HeldOutReadings
         Training readings as predicted without their position: by the arm identified without it and by the network
         trained without it. Empty after reading a file.

@@ -104,8 +104,8 @@ class IdentifiedModel(Compensator):
         Factor by which standard deviations of the posterior are raised, from the readings held out (see
         `truearm.identification.judgement.cross_validation`).
     tail_freedom_ : float
-        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.judgement.tails`); infinite
-        where they are too few, and of models from older files.
+        Degrees of freedom of the tails of the held-out deviations (`truearm.identification.judgement.gross_errors`);
+        infinite where they are too few, and of models from older files.
     residual_process_ : ResidualProcess or None
         What is known of the residual process; None where the model has none, and had none before a transfer.
     length_scale_ : LengthScale or None

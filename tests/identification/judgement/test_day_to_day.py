@@ -7,7 +7,7 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.identification.estimation.propagation import relative_covariance
-from truearm.identification.judgement.day_to_day import (
+from truearm.identification.judgement.missing_terms import (
     BASE_SHIFT_SHARE,
     COMPONENTS,
     GROUP,

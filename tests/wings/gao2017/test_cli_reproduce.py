@@ -26,10 +26,10 @@ def small(monkeypatch):
         training_plan.FULL_EFFORT, epochs=5, varpro_epochs={2: 3, 3: 3, 4: 3}, starts=((math.inf, 1),), starts_by_row={}
     )
     monkeypatch.setattr(training_plan, "FULL_EFFORT", effort)
-    monkeypatch.setattr("truearm.wings.gao2017.final_test.N_OUTSIDE", 20)
+    monkeypatch.setattr("truearm.wings.gao2017.reproduction.N_OUTSIDE", 20)
     # Their fits take seconds, and what they do is tested elsewhere.
     for model in ("HybridModel", "PhysicalModel"):
-        monkeypatch.setattr(f"truearm.wings.gao2017.final_test.{model}", NominalModel)
+        monkeypatch.setattr(f"truearm.wings.gao2017.reproduction.{model}", NominalModel)
     monkeypatch.setattr(training_plan, "QUICK_EFFORT", replace(effort, quick=True, starts=((1e-9, 1),)))
 
 

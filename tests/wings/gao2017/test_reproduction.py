@@ -14,8 +14,7 @@ from truearm.errors import InputError
 from truearm.models import NominalModel
 from truearm.models.network import TRAINERS
 from truearm.verbs.record import to_plain
-from truearm.wings.gao2017.final_test import poses_outside
-from truearm.wings.gao2017.reproduction import GOAL_MET, _reason, arm_pose, reproduce, verdict
+from truearm.wings.gao2017.reproduction import GOAL_MET, _reason, arm_pose, poses_outside, reproduce, verdict
 from truearm.wings.gao2017.results import FITTED_BOX, METHODS, TIME_OVER
 from truearm.wings.gao2017.tables import TABLES
 from truearm.wings.gao2017.training import CURVE_POINTS, TEST_STREAM, TRAINING_STREAM, machine_data, run_training
@@ -59,7 +58,7 @@ def small_tables():
             patch.setitem(TABLES, table, tuple(smaller(row) for row in rows))
         # Their fits take seconds, and what they do is tested elsewhere.
         for model in ("HybridModel", "PhysicalModel"):
-            patch.setattr(f"truearm.wings.gao2017.final_test.{model}", NominalModel)
+            patch.setattr(f"truearm.wings.gao2017.reproduction.{model}", NominalModel)
         yield
 
 

@@ -230,7 +230,7 @@ def live(
 
 
 def _demo(context: Context, samples_hz: float) -> Recording:
-    from truearm.wings.bench.recording.live_demo import demo_recording
+    from truearm.wings.bench.recording.record_readings import demo_recording
     from truearm.wings.planning.designs import Strategy
 
     options.refuse_typed(context, [option.name for option in fields(LiveOptions)], "does not apply to --demo")

@@ -9,8 +9,8 @@ import truearm as ta
 from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.bench.recording import model_in_force
-from truearm.wings.bench.recording.live_demo import demo_recording
 from truearm.wings.bench.recording.model_in_force import Fitted, ModelInForce, why_worse
+from truearm.wings.bench.recording.record_readings import demo_recording
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import Sample, Source
 

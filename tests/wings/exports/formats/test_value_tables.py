@@ -10,8 +10,7 @@ import truearm as ta
 from truearm.identification.terms import Expression, Harmonics
 from truearm.models.training_conditions import TOGETHER
 from truearm.wings.exports.formats import reduced_covariance as reduced
-from truearm.wings.exports.formats.plain_model import plain_model
-from truearm.wings.exports.formats.value_tables import CovarianceRows, ValueLayout, ValueTables, runs_of
+from truearm.wings.exports.formats.plain_model import CovarianceRows, ValueLayout, ValueTables, plain_model, runs_of
 
 
 def harmonics(joint, orders):

@@ -16,8 +16,15 @@ from truearm.errors import InputError
 from truearm.files.delimited import escape_formula
 from truearm.files.file_reading import utf8_text
 from truearm.typing import FloatArray
-from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, reader, writer
-from truearm.wings.exports.formats.constants_table import NOMINAL, ArmConstant, ConstantsTable
+from truearm.wings.exports.formats.constants_table import (
+    NOMINAL,
+    ArmConstant,
+    ConstantsFile,
+    ConstantsRequest,
+    ConstantsTable,
+    reader,
+    writer,
+)
 from truearm.wings.exports.targets.manifest import Manifest
 
 COLUMNS = ("place", "constant", "unit", "nominal", "identified", "change", "standard_uncertainty", "status")

@@ -20,7 +20,7 @@ from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.foreign_documents import YamlNode, parse_yaml
 from truearm.typing import BoolArray, FloatArray
-from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, reader, writer
+from truearm.wings.exports.formats.constants_table import ConstantsFile, ConstantsRequest, reader, writer
 from truearm.wings.exports.targets.manifest import Manifest
 
 DIRECTION: Final = "feedback"

@@ -19,7 +19,7 @@ from truearm.errors import InputError
 from truearm.files.file_reading import read_limited, utf8_text
 from truearm.files.foreign_documents import parse_yaml
 from truearm.wings.exports.formats import ur_kinematics
-from truearm.wings.exports.formats.constants_file import MAX_BYTES, ConstantsFile, ConstantsRequest, writer
+from truearm.wings.exports.formats.constants_table import MAX_BYTES, ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.joint_offsets import yaml_number
 from truearm.wings.exports.formats.urdf import is_same_frame
 from truearm.wings.exports.targets.manifest import MARKER, Manifest

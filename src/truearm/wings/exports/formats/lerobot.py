@@ -12,7 +12,7 @@ from truearm.arm.arm import joint_zeros
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import IntArray
-from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.wings.exports.formats.constants_table import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.rigid_arm import zeros_alone
 from truearm.wings.exports.targets.lerobot_motors import (
     MAX_BYTES,

@@ -19,7 +19,7 @@ from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats import urdf
-from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.wings.exports.formats.constants_table import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.rigid_arm import RigidArm
 from truearm.wings.exports.formats.urdf import (
     TIP_LINK,

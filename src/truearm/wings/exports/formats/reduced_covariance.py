@@ -21,8 +21,7 @@ from truearm.identification.terms import ArmState
 from truearm.models import IdentifiedModel
 from truearm.models.training_conditions import InputRange
 from truearm.typing import BoolArray, FloatArray, IntArray
-from truearm.wings.exports.formats.plain_model import PlainModel
-from truearm.wings.exports.formats.value_tables import CovarianceRows, Run, ValueLayout, runs_of
+from truearm.wings.exports.formats.plain_model import CovarianceRows, PlainModel, Run, ValueLayout, runs_of
 
 # Poses from which directions and variances are computed, and others that judge them.
 N_POSES, N_JUDGES = 8000, 2000

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from truearm.arm import Chain
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
-from truearm.identification.estimation.extrapolation import Extrapolation
+from truearm.identification.estimation.residual_variance import Extrapolation
 from truearm.identification.terms import Expression, link_vectors
 from truearm.identification.terms.links import UNKNOWN_MATERIAL
 from truearm.models import Compensator
@@ -25,9 +25,8 @@ from truearm.models.training_conditions import TrainingConditions
 from truearm.readings import Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
-from truearm.wings.exports.formats.plain_model import PlainModel, plain_model
+from truearm.wings.exports.formats.plain_model import PlainModel, ValueLayout, ValueTables, plain_model
 from truearm.wings.exports.formats.reduced_covariance import ReducedCovariance, reduced_covariance
-from truearm.wings.exports.formats.value_tables import ValueLayout, ValueTables
 from truearm.wings.exports.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
 from truearm.wings.exports.targets.inverse import MAX_CONDITION, TOLERANCE_MM, TOLERANCE_RAD
 from truearm.wings.exports.targets.manifest import Manifest, read_manifest

@@ -21,7 +21,7 @@ from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.typing import FloatArray
-from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.wings.exports.formats.constants_table import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.joint_offsets import yaml_number
 from truearm.wings.exports.formats.rigid_arm import RigidArm
 from truearm.wings.exports.targets.manifest import Manifest

@@ -30,7 +30,7 @@ from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.files.foreign_documents import child
 from truearm.typing import FloatArray
-from truearm.wings.exports.formats.constants_file import ConstantsFile, ConstantsRequest, writer
+from truearm.wings.exports.formats.constants_table import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.rigid_arm import RigidArm
 from truearm.wings.exports.targets.manifest import MARKER, Frame, Manifest, read_manifest
 

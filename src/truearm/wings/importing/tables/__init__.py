@@ -19,7 +19,7 @@ _READERS: tuple[tuple[str, tuple[bytes, ...], tuple[str, ...]], ...] = (
     ("array_files.read_arrow_table", (b"PAR1", b"ARROW1", b"FEA1"), ()),
     ("recordings.read_recording", (b"\x89MCAP", b"SQLite format 3", b"#ROSBAG"), (".bag", ".mcap", ".db3")),
     ("text_tables.read_labview_table", (b"LabVIEW Measurement",), ()),
-    ("json_tables.read_json_table", (b'{"', b'[{"'), (".json", ".jsonl", ".ndjson")),
+    ("named_arrays.read_json_table", (b'{"', b'[{"'), (".json", ".jsonl", ".ndjson")),
 )
 
 

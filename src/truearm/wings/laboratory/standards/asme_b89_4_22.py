@@ -14,15 +14,11 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.standards.artefacts import Seat
-from truearm.wings.laboratory.standards.decision import ConformityResult, DecisionRule, assess_conformity, worst_result
-from truearm.wings.laboratory.standards.measurands import (
-    LengthMeasurement,
-    SphereMeasurement,
-    length_sources,
-    worst_size_error,
-)
-from truearm.wings.laboratory.standards.propagation import (
+from truearm.wings.laboratory.standards.decision import (
+    ConformityResult,
+    DecisionRule,
     Statistic,
+    assess_conformity,
     drawn_budget,
     half_range,
     largest_distance,
@@ -31,6 +27,13 @@ from truearm.wings.laboratory.standards.propagation import (
     two_s,
     two_s_of_points,
     value_range,
+    worst_result,
+)
+from truearm.wings.laboratory.standards.measurands import (
+    LengthMeasurement,
+    SphereMeasurement,
+    length_sources,
+    worst_size_error,
 )
 from truearm.wings.laboratory.standards.specification import Specification
 
@@ -93,7 +96,7 @@ def single_point(
     pages) and is printed too, without a limit.
 
     The seat may move by u_fixture in each direction at each point, and its form puts the tip off: the uncertainty of
-    each of the three is that of its own statistic (`propagation`).
+    each of the three is that of its own statistic (`decision`).
 
     Parameters
     ----------
@@ -136,7 +139,7 @@ def volumetric(
     divisor n, which contains the scale error; their range and mean, which have no limit. Recalled, not
     confirmed: the divisors, two lengths, twenty positions in all.
 
-    The uncertainty of each is that of its own statistic (`propagation`); that of the largest is that of its reading.
+    The uncertainty of each is that of its own statistic (`decision`); that of the largest is that of its reading.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 The uncertainty budgets contain artefact and set-up but not the errors of the arm, which are tested (ISO 23165,
 recalled). Of a length ``u^2 = u_cal^2 + (L alpha u_T)^2 + (L (T - 20) u_alpha)^2 + u_fixture^2 + u_form^2``; of what
-follows from many readings see `propagation`.
+follows from many readings see `decision`.
 """
 
 from __future__ import annotations
@@ -22,17 +22,15 @@ from truearm.wings.laboratory.standards.decision import (
     Budget,
     ConformityResult,
     DecisionRule,
-    assess_conformity,
-    worst_result,
-)
-from truearm.wings.laboratory.standards.positions import frame_about, hemisphere
-from truearm.wings.laboratory.standards.propagation import (
     ErrorSource,
+    assess_conformity,
     drawn_budget,
     in_each,
     linear_budget,
     value_range,
+    worst_result,
 )
+from truearm.wings.laboratory.standards.positions import frame_about, hemisphere
 from truearm.wings.laboratory.standards.specification import Specification
 
 # Fewer points on a ball leave no degree of freedom.

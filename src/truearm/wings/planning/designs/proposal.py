@@ -25,14 +25,12 @@ from truearm.wings.planning.designs.candidates import (
     tracker_poses,
     volume_poses,
 )
-from truearm.wings.planning.designs.coordinate_exchange import shorten_path
 from truearm.wings.planning.designs.exchange import DesignProblem, project_out, select_candidates
-from truearm.wings.planning.designs.information import design_problem, tip_jacobian
-from truearm.wings.planning.designs.observability import Observability, observability
+from truearm.wings.planning.designs.information import Observability, design_problem, observability, tip_jacobian
 from truearm.wings.planning.designs.planned_readings import checked_count, checked_seed
 from truearm.wings.planning.designs.prior import Prior
 from truearm.wings.planning.designs.sampling.workspace import Sector, Surroundings
-from truearm.wings.planning.designs.tour import mean_joint_move, order_of_few_moves
+from truearm.wings.planning.designs.tour import mean_joint_move, order_of_few_moves, shorten_path
 
 Progress = Callable[[int, str], None]
 
@@ -189,7 +187,7 @@ def propose(
         The table that carries the artefacts, and boxes to avoid.
     to_measure : str, optional
         The strategy whose poses are to be measured, none by default. If it is one of `OPTIMAL`, its poses are exchanged
-        for others a short way apart (see `coordinate_exchange`).
+        for others a short way apart (see `tour`).
     seed : int
         Seed of all random choices.
     progress : callable, optional
