@@ -30,7 +30,7 @@ from truearm.models.identified_model import IdentifiedModel
 from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.wings.importing import datasets
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import PRESETS, VirtualArm, load_preset
 
 ROWS = Rows()

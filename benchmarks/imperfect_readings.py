@@ -27,8 +27,7 @@ from truearm.readings.lengths import Lengths
 from truearm.readings.point_errors import seat_errors
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.importing import datasets
-from truearm.wings.planning.designs.sampling import STRATEGIES
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import STRATEGIES, measuring_poses
 from truearm.wings.planning.virtual import PRESETS, VirtualArm, load_preset
 
 ROWS = Rows()

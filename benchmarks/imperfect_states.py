@@ -19,7 +19,7 @@ from truearm.models import PhysicalModel
 from truearm.models.identified_model import IdentifiedModel
 from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 ROWS = Rows()

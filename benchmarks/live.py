@@ -35,8 +35,8 @@ from truearm.wings.bench.recording.model_in_force import corrected_tip
 from truearm.wings.bench.recording.record_readings import record
 from truearm.wings.bench.sources import Sample, Source, StandstillRule
 from truearm.wings.planning.designs.candidates import volume_poses
-from truearm.wings.planning.designs.sampling.measuring import inner_limits, measuring_poses
-from truearm.wings.planning.designs.sampling.workspace import Sector, in_sector, is_above_table, stance
+from truearm.wings.planning.designs.sampling import inner_limits, measuring_poses
+from truearm.wings.planning.designs.workspace import Sector, in_sector, is_above_table, stance
 from truearm.wings.planning.virtual import VirtualArm
 
 ROWS = Rows()

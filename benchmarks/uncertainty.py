@@ -33,7 +33,7 @@ from truearm.wings.laboratory.tasks.feature_postures import feature_postures, mi
 from truearm.wings.laboratory.tasks.features import UP, Feature, circle, length_at, plane, sphere
 from truearm.wings.laboratory.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
 from truearm.wings.laboratory.tasks.task import N_POSTURES, simulate_measurements
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
 from truearm.wings.planning.virtual.error_model import tip_compliance
 from truearm.wings.planning.virtual.presets import Preset

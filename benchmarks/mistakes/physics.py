@@ -14,7 +14,7 @@ from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.tasks.feature_postures import feature_postures, middle_of
 from truearm.wings.laboratory.tasks.features import UP, circle
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual.presets import ARCSEC
 
 STEEL_PER_K = 11.5e-6

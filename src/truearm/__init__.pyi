@@ -62,7 +62,7 @@ from truearm.wings.fleet.fleet import Fleet as Fleet
 from truearm.wings.fleet.fleet import FleetRun as FleetRun
 from truearm.wings.fleet.fleet_status import FleetStatus as FleetStatus
 from truearm.wings.fleet.type_prior import LearnedTypePrior as LearnedTypePrior
-from truearm.wings.gao2017.carry_out import ProcedureResult as ProcedureResult
+from truearm.wings.gao2017.reproduce import ProcedureResult as ProcedureResult
 from truearm.wings.gao2017.reproduce import ReproductionResult as ReproductionResult
 from truearm.wings.gao2017.reproduce import reproduce as reproduce
 from truearm.wings.importing import datasets as datasets

@@ -9,7 +9,7 @@ from truearm.arm import load_arm
 from truearm.arm.arm import Arm
 from truearm.arm.chain import Chain
 from truearm.readings import Lengths, Session
-from truearm.wings.planning.designs.sampling.measuring import seat
+from truearm.wings.planning.designs.sampling import seat
 
 NOISE = 0.02  # mm
 

@@ -12,7 +12,7 @@ from truearm.identification.judgement.missing_terms import BASE_SHIFT_SHARE, COM
 from truearm.identification.terms import Constant
 from truearm.models import KinematicModel, NominalModel, PhysicalModel, load_model
 from truearm.models.uncertainty import UncertaintyBudget
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 ARM = ta.load_arm("gao2017")

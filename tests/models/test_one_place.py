@@ -19,7 +19,7 @@ from truearm.identification.references.reading_references import state_of
 from truearm.identification.terms.basis import Constant
 from truearm.models import PhysicalModel
 from truearm.readings import Session
-from truearm.wings.planning.designs.sampling.measuring import seat
+from truearm.wings.planning.designs.sampling import seat
 
 ARM = load_arm("gao2017")
 PLACE = np.array([[350.0, 0.0, 100.0], [400.0, 0.0, 100.0]])  # mm

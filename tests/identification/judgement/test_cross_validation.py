@@ -26,7 +26,7 @@ from truearm.identification.terms.basis import Harmonics
 from truearm.identification.terms.catalogue import tool_rotation
 from truearm.identification.terms.term import Term
 from truearm.solve.linear_algebra import covariance_factor
-from truearm.wings.planning.designs.sampling.measuring import seat
+from truearm.wings.planning.designs.sampling import seat
 
 NOISE = 0.02  # mm
 

@@ -20,7 +20,7 @@ from truearm.identification.terms import Constant, InSession
 from truearm.identification.terms.catalogue import base_terms
 from truearm.models import KinematicModel, NominalModel, PhysicalModel, load_model
 from truearm.readings import Session
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 

@@ -27,8 +27,7 @@ from truearm.identification.judgement.outliers import outliers
 from truearm.identification.references.references import Points, seats_of
 from truearm.identification.terms import ArmState, constants
 from truearm.models import PhysicalModel
-from truearm.wings.planning.designs.sampling import STRATEGIES
-from truearm.wings.planning.designs.sampling.measuring import seat
+from truearm.wings.planning.designs.sampling import STRATEGIES, seat
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 NOISE = 0.02  # mm

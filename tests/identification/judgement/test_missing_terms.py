@@ -13,7 +13,7 @@ from truearm.identification.terms import ArmState, constants
 from truearm.models import KinematicModel
 from truearm.models.uncertainty import UncertaintyBudget
 from truearm.readings import Session
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 ARM = load_arm("gao2017")

@@ -9,7 +9,7 @@ from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE, 
 from truearm.identification.terms import directions
 from truearm.models import KinematicModel, load_model
 from truearm.readings.session import Session
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual.presets import ARCSEC
 
 ARM = load_arm("gao2017")

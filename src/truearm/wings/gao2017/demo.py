@@ -29,7 +29,8 @@ from truearm.pages.html import render
 from truearm.pages.page import Page, Section
 from truearm.readings import ErrorComparison, compare_errors
 from truearm.verbs.record import Record, TextTable, format_fixed
-from truearm.wings.planning.designs.sampling import Poses, box, measuring_poses
+from truearm.wings.planning.designs.planned_readings import Poses, box
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
 from truearm.wings.reports.comparison import compare_models, page_facts
 from truearm.wings.reports.comparison_page import comparison_page, comparison_verdict, error_table, improvement_sentence

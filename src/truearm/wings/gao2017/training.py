@@ -30,7 +30,7 @@ from truearm.nets.training import Epoch, dividerand
 from truearm.solve.threads import cores
 from truearm.typing import FloatArray
 from truearm.wings.gao2017.results import TIME_OVER
-from truearm.wings.planning.designs.sampling import box
+from truearm.wings.planning.designs.planned_readings import box
 from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
 
 ProgressCallback = Callable[[float, str], None]

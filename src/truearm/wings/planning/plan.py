@@ -26,9 +26,9 @@ from truearm.wings.planning.designs.candidates import Candidates
 from truearm.wings.planning.designs.check_routine import CheckRoutine, check_routine
 from truearm.wings.planning.designs.plan import SessionPlan, plan_session, usual_places
 from truearm.wings.planning.designs.proposal import LENGTH_U_MM, Artefact, CalibrationPlan
-from truearm.wings.planning.designs.sampling.workspace import sector_of, surroundings_of
 from truearm.wings.planning.designs.template import lengths_path, write_bar_lengths, write_template
 from truearm.wings.planning.designs.tour import mean_joint_move
+from truearm.wings.planning.designs.workspace import sector_of, surroundings_of
 
 if TYPE_CHECKING:
     from truearm.pages.page import Page

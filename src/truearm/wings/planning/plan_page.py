@@ -25,9 +25,9 @@ from truearm.wings.planning.designs import Strategy
 from truearm.wings.planning.designs.candidates import Candidates
 from truearm.wings.planning.designs.plan import SessionPlan
 from truearm.wings.planning.designs.proposal import CalibrationPlan, Proposal
-from truearm.wings.planning.designs.sampling.workspace import joint_origins, stance
 from truearm.wings.planning.designs.template import bars, notes, place_names
 from truearm.wings.planning.designs.tour import joint_moves
+from truearm.wings.planning.designs.workspace import joint_origins, stance
 
 _MINUS = "\N{MINUS SIGN}"
 

@@ -23,9 +23,8 @@ from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import Record, number_of
 from truearm.wings.planning.designs.candidates import bar_places
-from truearm.wings.planning.designs.planned_readings import read_planned
-from truearm.wings.planning.designs.sampling import STRATEGIES, Poses, seat
-from truearm.wings.planning.designs.sampling.measuring import describe_rejections
+from truearm.wings.planning.designs.planned_readings import Poses, read_planned
+from truearm.wings.planning.designs.sampling import STRATEGIES, describe_rejections, seat
 from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
 from truearm.wings.planning.virtual.arm import measure_distances, place_anchors
 from truearm.wings.planning.virtual.rehearsal import carry_out, lengths_of, move_set_up

@@ -16,7 +16,7 @@ from truearm.models import KinematicModel, NetworkModel
 from truearm.readings.session import Session
 from truearm.wings.laboratory.tasks import sampled_arms
 from truearm.wings.laboratory.tasks.sampled_arms import PoseField, PosteriorDistribution, PresetDistribution
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 from truearm.wings.planning.virtual.presets import ARCSEC, PERFECT, SHOP, Preset
 

@@ -17,7 +17,7 @@ from truearm.wings.laboratory.shapes.least_squares_shapes import fit_plane, fit_
 from truearm.wings.laboratory.tasks.feature_postures import feature_postures, middle_of
 from truearm.wings.laboratory.tasks.features import UP, circle, cone, cylinder, length_at, plane, sphere
 from truearm.wings.laboratory.tasks.measured_features import measure_features
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 from truearm.wings.planning.virtual.presets import ARCSEC
 

@@ -29,7 +29,7 @@ from truearm.wings.laboratory.tasks.simulated_verification import (
     simulate_verification,
     verdict_shares,
 )
-from truearm.wings.planning.designs.sampling.measuring import inner_limits
+from truearm.wings.planning.designs.sampling import inner_limits
 from truearm.wings.planning.virtual import load_preset
 
 RANGE = 2500.0

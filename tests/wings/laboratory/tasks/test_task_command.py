@@ -12,7 +12,7 @@ from truearm.arm.catalogue import load_arm
 from truearm.models import KinematicModel, NominalModel
 from truearm.wings.laboratory.verbs import commands as command
 from truearm.wings.laboratory.verbs.commands import CODES
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 pytestmark = pytest.mark.usefixtures("undrawn")

@@ -19,7 +19,7 @@ from truearm.wings.laboratory.tasks.feature_postures import feature_postures, mi
 from truearm.wings.laboratory.tasks.features import UP, length_at, plane, sphere
 from truearm.wings.laboratory.tasks.sampled_arms import PosteriorDistribution, PresetDistribution
 from truearm.wings.laboratory.tasks.task import simulate_measurements
-from truearm.wings.planning.designs.sampling.measuring import measuring_poses
+from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
 ARM = load_arm("gao2017")

@@ -17,9 +17,8 @@ from truearm.wings.planning.designs.exchange import (
     select_candidates,
     stack_factors,
 )
-from truearm.wings.planning.designs.sampling import Sector
-from truearm.wings.planning.designs.sampling.measuring import END_STOP_MARGIN_RAD
-from truearm.wings.planning.designs.sampling.workspace import azimuth_of, joint_origins, stance
+from truearm.wings.planning.designs.sampling import END_STOP_MARGIN_RAD, Sector
+from truearm.wings.planning.designs.workspace import azimuth_of, joint_origins, stance
 
 
 def gantry() -> Arm:

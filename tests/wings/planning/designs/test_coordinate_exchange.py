@@ -13,8 +13,7 @@ from truearm.wings.planning.designs.candidates import ON_A_TABLE, NearbyPoses, s
 from truearm.wings.planning.designs.exchange import DesignProblem
 from truearm.wings.planning.designs.prior import nominal_prior
 from truearm.wings.planning.designs.proposal import Artefact, propose
-from truearm.wings.planning.designs.sampling.measuring import CONE_RAD, inner_limits
-from truearm.wings.planning.designs.sampling.workspace import Box, Sector, Surroundings, joint_origins
+from truearm.wings.planning.designs.sampling import CONE_RAD, inner_limits
 from truearm.wings.planning.designs.tour import (
     ENOUGH_RAD,
     MOST_UNCERTAINTY,
@@ -25,6 +24,7 @@ from truearm.wings.planning.designs.tour import (
     squared_uncertainty,
     wanted_angles,
 )
+from truearm.wings.planning.designs.workspace import Box, Sector, Surroundings, joint_origins
 
 CASES = {
     "tracker": ("ur10", Artefact("tracker"), 20),

@@ -14,9 +14,18 @@ from truearm.arm.catalogue import load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.identification.sampling import farthest_points
-from truearm.wings.planning.designs.sampling import STRATEGIES, Sector, box, measuring_poses, seat, uniform
-from truearm.wings.planning.designs.sampling.measuring import END_STOP_MARGIN_RAD, FROM_ABOVE, surface_normals
-from truearm.wings.planning.designs.sampling.workspace import (
+from truearm.wings.planning.designs.sampling import (
+    END_STOP_MARGIN_RAD,
+    FROM_ABOVE,
+    STRATEGIES,
+    Sector,
+    box,
+    measuring_poses,
+    seat,
+    surface_normals,
+    uniform,
+)
+from truearm.wings.planning.designs.workspace import (
     azimuth_of,
     draw_points,
     joint_origins,

@@ -11,7 +11,7 @@ from truearm.errors import InputError
 from truearm.wings.planning.designs.candidates import bar_places, seat_poses, tracker_poses
 from truearm.wings.planning.designs.prior import nominal_prior
 from truearm.wings.planning.designs.proposal import Artefact, propose
-from truearm.wings.planning.designs.sampling.workspace import Box, Surroundings, joint_origins, surroundings_of
+from truearm.wings.planning.designs.workspace import Box, Surroundings, joint_origins, surroundings_of
 
 POST = Box((300.0, -80.0, 0.0), (420.0, 80.0, 500.0))
 

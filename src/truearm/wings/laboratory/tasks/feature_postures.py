@@ -14,13 +14,13 @@ from truearm.typing import FloatArray
 from truearm.wings.laboratory import FeatureKind
 from truearm.wings.laboratory.tasks import features
 from truearm.wings.laboratory.tasks.features import UP, Feature, length, length_at
-from truearm.wings.planning.designs.sampling.measuring import (
+from truearm.wings.planning.designs.sampling import (
     check_five_rotary_joints,
     describe_rejections,
     inner_limits,
     reach,
 )
-from truearm.wings.planning.designs.sampling.workspace import Stance, azimuth_of, stance, within_cone
+from truearm.wings.planning.designs.workspace import Stance, azimuth_of, stance, within_cone
 
 # The size of each kind of feature, and a second one with its default.
 SIZES = {
@@ -35,7 +35,7 @@ SECOND_SIZES = {
 }
 
 # A working model, as hardly anything has been published: from one measurement of the feature to the next the elbow
-# swings by N(0, 35 deg), as in `truearm.wings.planning.designs.sampling.measuring`, and the stylus leans within 30
+# swings by N(0, 35 deg), as in `truearm.wings.planning.designs.sampling`, and the stylus leans within 30
 # deg; from point to point of one measurement by N(0, 10 deg) and within 10 deg more.
 _SWING_RAD, _LEAN_RAD = np.radians(35.0), np.radians(30.0)
 _SWING_OF_POINT_RAD, _LEAN_OF_POINT_RAD = np.radians(10.0), np.radians(10.0)

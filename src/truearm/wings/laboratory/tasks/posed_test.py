@@ -16,8 +16,8 @@ from truearm.wings.laboratory.standards.artefacts import Artefacts, example_arte
 from truearm.wings.laboratory.standards.layout import Placement, lay_out_tests
 from truearm.wings.laboratory.standards.specification import Specification, example_specification
 from truearm.wings.laboratory.standards.verification_plan import VerificationPlan
-from truearm.wings.planning.designs.sampling.measuring import check_five_rotary_joints, inner_limits, postures, reach
-from truearm.wings.planning.designs.sampling.workspace import azimuth_of, stance, within_cone
+from truearm.wings.planning.designs.sampling import check_five_rotary_joints, inner_limits, postures, reach
+from truearm.wings.planning.designs.workspace import azimuth_of, stance, within_cone
 
 # Spread of the postures from group to group, and within a group: swing of the elbow, roll of the handle.
 SWING_DEG, ROLL_DEG, WITHIN_DEG, NEAR_DEG = 35.0, 60.0, 3.0, 45.0

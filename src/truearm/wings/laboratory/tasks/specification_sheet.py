@@ -46,7 +46,7 @@ from truearm.wings.laboratory.standards.specification import SYMBOLS, Specificat
 from truearm.wings.laboratory.standards.verification_plan import PLANS, VerificationPlan, load_verification_plan
 from truearm.wings.laboratory.tasks.posed_test import PosedTest, pose
 from truearm.wings.laboratory.tasks.sampled_arms import ArmSample, PresetDistribution, PresetSample
-from truearm.wings.planning.designs.sampling.workspace import stance
+from truearm.wings.planning.designs.workspace import stance
 from truearm.wings.planning.virtual.error_model import (
     BEARINGS,
     CAGES,

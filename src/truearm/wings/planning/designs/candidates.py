@@ -20,7 +20,7 @@ from truearm.errors import InputError
 from truearm.identification.sampling import farthest_points, joint_travel_limits
 from truearm.typing import BoolArray, FloatArray, IntArray, NameArray
 from truearm.wings.planning.designs.planned_readings import checked_count, checked_seed
-from truearm.wings.planning.designs.sampling.measuring import (
+from truearm.wings.planning.designs.sampling import (
     CONE_RAD,
     NOT_REACHED,
     SEAT_SECTOR,
@@ -31,7 +31,7 @@ from truearm.wings.planning.designs.sampling.measuring import (
     measuring_poses,
     reach_in_seats,
 )
-from truearm.wings.planning.designs.sampling.workspace import (
+from truearm.wings.planning.designs.workspace import (
     Sector,
     Stance,
     Surroundings,

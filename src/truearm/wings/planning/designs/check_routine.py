@@ -15,10 +15,10 @@ from truearm.typing import FloatArray, NameArray
 from truearm.wings.planning.designs.candidates import ON_A_TABLE, bar_places, seat_poses
 from truearm.wings.planning.designs.planned_readings import TIP_SPHERE, checked_seed
 from truearm.wings.planning.designs.proposal import LENGTH_U_MM
-from truearm.wings.planning.designs.sampling.measuring import SEAT_SECTOR, postures, reach
-from truearm.wings.planning.designs.sampling.workspace import Surroundings, draw_points, stance
+from truearm.wings.planning.designs.sampling import SEAT_SECTOR, postures, reach
 from truearm.wings.planning.designs.template import lengths_path, write_aims, write_length_rows
 from truearm.wings.planning.designs.tour import order_of_few_moves
+from truearm.wings.planning.designs.workspace import Surroundings, draw_points, stance
 
 CONE, BAR_ENDS, SPHERE = "cone", ("bar A", "bar B"), "ball"
 """Names of the artefacts, the same in every check."""

@@ -30,8 +30,8 @@ from truearm.wings.planning.designs.proposal import (
     information_rows,
     propose,
 )
-from truearm.wings.planning.designs.sampling.workspace import Sector, Surroundings
 from truearm.wings.planning.designs.template import continue_seat_numbers
+from truearm.wings.planning.designs.workspace import Sector, Surroundings
 
 NOISE_MM = 0.02
 """Standard deviation of a coordinate if no model states it [mm]."""

@@ -29,8 +29,8 @@ from truearm.wings.planning.designs.exchange import DesignProblem, project_out, 
 from truearm.wings.planning.designs.information import Observability, design_problem, observability, tip_jacobian
 from truearm.wings.planning.designs.planned_readings import checked_count, checked_seed
 from truearm.wings.planning.designs.prior import Prior
-from truearm.wings.planning.designs.sampling.workspace import Sector, Surroundings
 from truearm.wings.planning.designs.tour import mean_joint_move, order_of_few_moves, shorten_path
+from truearm.wings.planning.designs.workspace import Sector, Surroundings
 
 Progress = Callable[[int, str], None]
 

@@ -1,4 +1,6 @@
-"""Poses of a person who measures parts, or who holds the tip in a seat with joint angles as different as possible.
+"""Sampling strategies for poses: each is a function of an arm, a number of poses and a seed.
+
+Poses of a person who measures parts, or who holds the tip in a seat with joint angles as different as possible.
 
 There is hardly any publication on how operators place the joints. This is a working model: targets in the front sector,
 the stylus within a cone about the surface normal, which points up or sideways, and the elbow to either side, but not
@@ -8,7 +10,8 @@ below the table.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +20,8 @@ from truearm.arm import Arm, solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.identification.sampling import farthest_points
 from truearm.typing import BoolArray, FloatArray, NameArray
-from truearm.wings.planning.designs.planned_readings import Poses, checked_count, checked_seed
-from truearm.wings.planning.designs.sampling.workspace import (
+from truearm.wings.planning.designs.planned_readings import Poses, box, checked_count, checked_seed, uniform
+from truearm.wings.planning.designs.workspace import (
     Sector,
     Stance,
     azimuth_of,
@@ -287,3 +290,14 @@ def _rows_until(good: BoolArray, wanted: int) -> int:
     """Count the rows up to and including the wanted-th good one; all if there are fewer."""
     places = np.flatnonzero(good)
     return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(good)
+
+
+STRATEGIES: Mapping[str, Callable[..., Poses]] = {
+    "box": box,
+    "uniform": uniform,
+    "sobol-box": partial(box, sobol=True),
+    "sobol": partial(uniform, sobol=True),
+    "measuring": measuring_poses,
+    "seat": seat,
+}
+"""Strategies by the names of the command line: ``STRATEGIES[name](arm, n, seed=seed)``."""
