@@ -27,27 +27,38 @@ class SourceKind:
 
     Attributes
     ----------
-    name, form : str
-        What it is called, and how it is typed.
+    form : str
+        How it is typed: its name, and what the address after the colon and the rest after ``@`` are.
     title : str
         What it is.
-    open : callable
-        Makes the source from the address and what follows ``@``.
-    has_serial_port : bool
-        Whether it may be on a serial port, which needs pyserial.
+    make : callable
+        Makes the source from the address, a path where it is a FILE, and from what follows ``@``, if the form has it.
     needs : tuple of str, optional
         Module and extra without which it cannot be opened.
     read_arm : callable, optional
         Reads the arm that its maker identified, where the device states it.
     """
 
-    name: str
     form: str
     title: str
-    open: Callable[[str, str], Source]
-    has_serial_port: bool = False
+    make: Callable[..., Source]
     needs: tuple[str, str] | None = None
     read_arm: Callable[[str], Arm] | None = None
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.form.partition(":")[0]
+
+    @property
+    def has_serial_port(self) -> bool:
+        """Whether it may be on a serial port, which needs pyserial."""
+        return "CONNECTION" in self.form
+
+    def open(self, address: str, rest: str) -> Source:
+        """The source at an address, with what follows ``@``."""
+        place = Path(address) if "FILE" in self.form else address
+        return self.make(place, rest) if "@" in self.form else self.make(place)
 
 
 def _speed(text: str) -> float:
@@ -58,71 +69,24 @@ def _speed(text: str) -> float:
 
 
 KINDS = (
+    SourceKind("lines:FILE.toml[@CONNECTION]", "text lines from a serial port, TCP, UDP or standard input", text_lines),
+    SourceKind("rtde:HOST[:PORT][@HZ]", "a Universal Robots controller (RTDE)", ur_rtde),
+    SourceKind("microscribe:CONNECTION", "a MicroScribe arm", microscribe, read_arm=microscribe_arm),
+    SourceKind("feetech:FILE.toml[@CONNECTION]", "an arm of Feetech bus servos (SO-100, SO-101)", feetech),
+    SourceKind("dynamixel:FILE.toml[@CONNECTION]", "an arm of Dynamixel X servos (ViperX)", dynamixel),
+    SourceKind("ros2:FILE.toml", "joint states on a topic of ROS 2", ros2, ("cyclonedds", "ros2")),
+    SourceKind("mqtt:FILE.toml", "messages in JSON of an MQTT broker", mqtt, ("paho", "mqtt")),
     SourceKind(
-        "lines",
-        "lines:FILE.toml[@CONNECTION]",
-        "text lines from a serial port, TCP, UDP or standard input",
-        lambda address, rest: text_lines(Path(address), rest),
-        has_serial_port=True,
+        "opcua:HOST[:PORT][@DEVICE]", "a robot by OPC UA for Robotics (OPC 40010-1)", opcua, ("asyncua", "opcua")
     ),
-    SourceKind("rtde", "rtde:HOST[:PORT][@HZ]", "a Universal Robots controller (RTDE)", ur_rtde),
+    SourceKind("egm:[HOST:]PORT", "an ABB robot that sends EGM to this computer", abb_egm),
+    SourceKind("rsi:[HOST:]PORT", "a KUKA robot that sends RSI to this computer", kuka_rsi),
     SourceKind(
-        "microscribe",
-        "microscribe:CONNECTION",
-        "a MicroScribe arm",
-        lambda address, _: microscribe(address),
-        has_serial_port=True,
-        read_arm=microscribe_arm,
-    ),
-    SourceKind(
-        "feetech",
-        "feetech:FILE.toml[@CONNECTION]",
-        "an arm of Feetech bus servos (SO-100, SO-101)",
-        lambda address, rest: feetech(Path(address), rest),
-        has_serial_port=True,
-    ),
-    SourceKind(
-        "dynamixel",
-        "dynamixel:FILE.toml[@CONNECTION]",
-        "an arm of Dynamixel X servos (ViperX)",
-        lambda address, rest: dynamixel(Path(address), rest),
-        has_serial_port=True,
-    ),
-    SourceKind(
-        "ros2",
-        "ros2:FILE.toml",
-        "joint states on a topic of ROS 2",
-        lambda address, _: ros2(Path(address)),
-        needs=("cyclonedds", "ros2"),
-    ),
-    SourceKind(
-        "mqtt",
-        "mqtt:FILE.toml",
-        "messages in JSON of an MQTT broker",
-        lambda address, _: mqtt(Path(address)),
-        needs=("paho", "mqtt"),
-    ),
-    SourceKind(
-        "opcua",
-        "opcua:HOST[:PORT][@DEVICE]",
-        "a robot by OPC UA for Robotics (OPC 40010-1)",
-        opcua,
-        needs=("asyncua", "opcua"),
-    ),
-    SourceKind(
-        "egm", "egm:[HOST:]PORT", "an ABB robot that sends EGM to this computer", lambda address, _: abb_egm(address)
-    ),
-    SourceKind(
-        "rsi", "rsi:[HOST:]PORT", "a KUKA robot that sends RSI to this computer", lambda address, _: kuka_rsi(address)
-    ),
-    SourceKind(
-        "replay",
         "replay:SESSION[@SPEED]",
         "a session file, reading by reading",
         lambda address, rest: replay(Path(address), _speed(rest)),
     ),
     SourceKind(
-        "virtual",
         "virtual:ARM[@SPEED]",
         "an arm without errors that moves by itself",
         lambda address, rest: virtual_arm(load_arm(address), speed=_speed(rest)),
