@@ -125,12 +125,7 @@ def arms(arms: tuple[str, ...] = ARMS, units: int = 3, images: int = 60, model: 
                     "CPU [s]": round(float(np.median(seconds)), 2),
                 }
             )
-    return RowResult(
-        table,
-        [
-            Target("largest ratio of an arm and a set-up", max(row["ratio"] for row in table), 0.3),
-        ],
-    )
+    return RowResult(table, [Target("largest ratio of an arm and a set-up", max(row["ratio"] for row in table), 0.3)])
 
 
 @ROWS.row("cost", quick={"units": 1, "images": 20})

@@ -126,10 +126,7 @@ def of_constants(model: str | None = None, seed: int = 1) -> RowResult:
     """Tables of constants: errors on the positions held out, and the time to write them."""
     fitted, _, test = work(model, seed)
     table, targets = [], []
-    for name, module, suffix in (
-        ("constants", constants, "csv"),
-        ("joint offsets", joint_offsets, "yaml"),
-    ):
+    for name, module, suffix in (("constants", constants, "csv"), ("joint offsets", joint_offsets, "yaml")):
         file = scratch() / f"{name}.{suffix}"
         row = written(file, lambda module=module, file=file: module.write(fitted, file, frame="reference"))
         mean = three_figures(module.tips(file, test.angles), test.points)["mean_mm"]

@@ -202,14 +202,8 @@ def swarm_minimum(network: Perceptron, inputs: FloatArray, targets: FloatArray) 
 
 CHOICES: dict[str, tuple[Maker, list[dict[str, Any]]]] = {
     "network": (SmallNetwork, [{"units": 15}]),
-    "ELM": (
-        ExtremeLearningMachine,
-        [{"units": n, "ridge": a} for n in (50, 150, 400) for a in (1e-6, 1e-4, 1e-2)],
-    ),
-    "RBF network": (
-        RadialBasisNetwork,
-        [{"units": n, "ridge": a} for n in (30, 100, 300) for a in (1e-6, 1e-4, 1e-2)],
-    ),
+    "ELM": (ExtremeLearningMachine, [{"units": n, "ridge": a} for n in (50, 150, 400) for a in (1e-6, 1e-4, 1e-2)]),
+    "RBF network": (RadialBasisNetwork, [{"units": n, "ridge": a} for n in (30, 100, 300) for a in (1e-6, 1e-4, 1e-2)]),
     "Gaussian process": (GaussianProcess, [{}]),
     "boosted trees": (
         BoostedTrees,

@@ -126,10 +126,7 @@ FEW = {"angles": Q, "points": P}
 kind("workbook", suffix=".xlsx")(lambda: xlsx({"Tabelle1": [HEAD, *TYPED]}))
 kind("workbook with a title, units, means and another sheet", suffix=".xlsx")(
     lambda: xlsx(
-        {
-            "Notes": [["The tracker was warm."]],
-            "Data": [*TITLED, *TYPED, ["Mean", *READINGS.mean(axis=0)[1:].tolist()]],
-        }
+        {"Notes": [["The tracker was warm."]], "Data": [*TITLED, *TYPED, ["Mean", *READINGS.mean(axis=0)[1:].tolist()]]}
     )
 )
 kind("workbook with errors for lost targets", suffix=".xlsx", right_points=LOST)(

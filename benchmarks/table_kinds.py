@@ -157,10 +157,7 @@ NUMBERS = {"angles": tuple("123456"), "points": tuple("789")}
 
 def numbers_from(first: int) -> dict[str, tuple[str, ...]]:
     """Columns by number, the first joint in column `first`."""
-    return {
-        "angles": tuple(str(first + i) for i in range(6)),
-        "points": tuple(str(first + i) for i in range(6, 9)),
-    }
+    return {"angles": tuple(str(first + i) for i in range(6)), "points": tuple(str(first + i) for i in range(6, 9))}
 
 
 # Separators and lines -------------------------------------------------------------------------------------------------

@@ -86,11 +86,7 @@ def problem_of(task: Task) -> FitProblem:
     return FitProblem(network, task.inputs, task.targets)
 
 
-OWN: dict[str, Callable[[Task, Watch], str]] = {
-    OURS: ours,
-    "truearm trainlm": ours_classical,
-    "dense LM, NumPy": dense,
-}
+OWN: dict[str, Callable[[Task, Watch], str]] = {OURS: ours, "truearm trainlm": ours_classical, "dense LM, NumPy": dense}
 
 
 @dataclass(frozen=True)

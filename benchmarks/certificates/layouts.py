@@ -468,9 +468,7 @@ FEWER = {
 for _what, (_standard, (_test, _key, _before, _after)) in FEWER.items():
     mistake(f"a plan that asks for less, {_what}, and is named after the standard", said="own plan: .*no standard")(
         lambda standard=_standard, test=_test, key=_key, before=_before, after=_after: campaign(
-            standard,
-            plan=[(rf"(\[{test}\].*?\n{key} = {{ value = ){before}", rf"\g<1>{after}")],
-            laid_out=True,
+            standard, plan=[(rf"(\[{test}\].*?\n{key} = {{ value = ){before}", rf"\g<1>{after}")], laid_out=True
         ).stated()
     )
 

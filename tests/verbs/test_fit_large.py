@@ -168,10 +168,7 @@ def test_what_is_not_summed_is_fitted_at_once(session, monkeypatch):
     few = replace(session.rows(np.arange(0, N, N // 300)), temperature_degC=None)
     monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 200)
     monkeypatch.setattr(module, "SAMPLE", 100)
-    fits = {
-        "robust": {"model": "kinematic", "robust": False},
-        "nothing": {"model": "nominal", "free": ()},
-    }
+    fits = {"robust": {"model": "kinematic", "robust": False}, "nothing": {"model": "nominal", "free": ()}}
     wide = replace(few, points=ta.load_arm("ur10").chain.tip_in_base(few.angles))
     for options in fits.values():
         assert ta.fit("ur10", wide, **options).all_readings is None

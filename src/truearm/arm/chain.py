@@ -341,11 +341,7 @@ class Chain:
         return TipDerivatives(tip.T, motion_jacobian.transpose(3, 0, 1, 2))
 
     def tip_derivatives_by_chunk(
-        self,
-        angles: npt.ArrayLike,
-        motions: Callable[[slice], FloatArray] | None = None,
-        *,
-        chunk: int = CHUNK,
+        self, angles: npt.ArrayLike, motions: Callable[[slice], FloatArray] | None = None, *, chunk: int = CHUNK
     ) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
         """Yield `tip_derivatives` in cache-sized pieces laid out by component, for sums over many poses.
 

@@ -35,14 +35,7 @@ from truearm.files.foreign_documents import YamlNode, parse_yaml
 from truearm.typing import FloatArray
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-JOINTS = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
+JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 # A file of a robot has 1 kB; comments may follow.
 MAX_BYTES = 200_000
 # No link of a UR is longer; in millimetres every one of them would be.

@@ -335,11 +335,7 @@ def _coupled(joints: list[UrdfJoint], fixed: list[FloatArray]) -> tuple[list[Flo
 
 
 def _working_pose(
-    extra: ET.Element | None,
-    known: set[str],
-    names: list[str],
-    prismatic: BoolArray,
-    default: FloatArray,
+    extra: ET.Element | None, known: set[str], names: list[str], prismatic: BoolArray, default: FloatArray
 ) -> FloatArray:
     pose = default.copy()
     for working in [] if extra is None else children(extra, "working"):

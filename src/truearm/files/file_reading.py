@@ -19,11 +19,7 @@ from truearm.errors import InputError
 WINDOWS = "cp1252"
 CHINESE = "gb18030"
 
-_MARKS = {
-    codecs.BOM_UTF8: "utf-8",
-    codecs.BOM_UTF16_LE: "utf-16",
-    codecs.BOM_UTF16_BE: "utf-16",
-}
+_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _SAMPLE = 4096
 _NOT_ASCII = re.compile(rb"[\x80-\xff]+")
 

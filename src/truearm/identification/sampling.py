@@ -32,8 +32,7 @@ def joint_travel_limits(arm: Arm, *, slides: FloatArray | None = None) -> tuple[
     elif open_slide.any():
         joint = int(np.argmax(open_slide)) + 1
         raise InputError(
-            f"prismatic joint J{joint} of arm {arm.name!r} has no limits",
-            hint="state its limits in the arm file",
+            f"prismatic joint J{joint} of arm {arm.name!r} has no limits", hint="state its limits in the arm file"
         )
     free_below, free_above = np.isinf(lower), np.isinf(upper)
     both = free_below & free_above

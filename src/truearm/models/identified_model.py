@@ -421,12 +421,7 @@ class KinematicModel(IdentifiedModel):
     kind: ClassVar[str] = "kinematic"
 
     def __init__(
-        self,
-        arm: Arm,
-        *,
-        free: tuple[str, ...] = ("base", "tip"),
-        robust: bool = True,
-        terms: Sequence[Term] = (),
+        self, arm: Arm, *, free: tuple[str, ...] = ("base", "tip"), robust: bool = True, terms: Sequence[Term] = ()
     ) -> None:
         self.arm = arm
         self.free = free

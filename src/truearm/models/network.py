@@ -30,12 +30,7 @@ from truearm.typing import FloatArray, IntArray
 
 Training: TypeAlias = Callable[..., tuple[FloatArray, TrainingRecord]]
 GRADIENT_TRAINERS: dict[str, Training] = {"traingd": traingd, "traingdx": traingdx}
-TRAINERS: dict[str, Training] = {
-    "varpro": train_varpro,
-    "trainlm": trainlm,
-    "trainbr": trainbr,
-    **GRADIENT_TRAINERS,
-}
+TRAINERS: dict[str, Training] = {"varpro": train_varpro, "trainlm": trainlm, "trainbr": trainbr, **GRADIENT_TRAINERS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,11 +231,7 @@ class NetworkModel(Compensator):
         self.residual_covariance_ = found + (variance - before) * np.eye(3)
 
     def _trained(
-        self,
-        number: int,
-        training: FitProblem,
-        validation: FitProblem | None,
-        progress: Progress,
+        self, number: int, training: FitProblem, validation: FitProblem | None, progress: Progress
     ) -> tuple[int, FloatArray, TrainingRecord]:
         """The best of a member's starts: its number, the weights and the record."""
         options = {"validation": validation, "epochs": self.epochs, "goal": self.goal}

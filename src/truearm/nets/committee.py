@@ -103,13 +103,7 @@ def train_committee(
 
 
 def train_member(
-    network: Perceptron,
-    inputs: FloatArray,
-    targets: FloatArray,
-    used: BoolArray,
-    *,
-    epochs: int,
-    seed: list[int],
+    network: Perceptron, inputs: FloatArray, targets: FloatArray, used: BoolArray, *, epochs: int, seed: list[int]
 ) -> tuple[FloatArray, BayesianRecord]:
     """Weights and record of one network, trained by `trainbr` on the samples `used` (n,), or on enough of them."""
     columns = np.flatnonzero(used)

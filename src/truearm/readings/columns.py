@@ -126,12 +126,7 @@ def recognise_columns(
 
 
 def fields_of_columns(
-    columns: Columns,
-    numbers: FloatArray,
-    words: Sequence[NameArray],
-    *,
-    file: Path | None,
-    lines: IntArray | None,
+    columns: Columns, numbers: FloatArray, words: Sequence[NameArray], *, file: Path | None, lines: IntArray | None
 ) -> dict[str, Any]:
     """Fields of readings in rad and mm from the values of `columns.numbers` and `columns.words`, and their lines."""
     references = (columns.points, columns.point_std, columns.quaternion, columns.sphere_distance)

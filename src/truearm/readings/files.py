@@ -144,11 +144,7 @@ def fields_of_sheet(sheet: Sheet, *, n_joints: int | None = None) -> dict[str, A
 
 
 def write_session(
-    session: Readings,
-    path: str | Path,
-    *,
-    prismatic: npt.ArrayLike | None = None,
-    angle_unit: AngleUnit | None = None,
+    session: Readings, path: str | Path, *, prismatic: npt.ArrayLike | None = None, angle_unit: AngleUnit | None = None
 ) -> None:
     """Write a session file; an interrupted or failed run leaves none, or the previous one.
 

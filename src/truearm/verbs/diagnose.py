@@ -34,11 +34,7 @@ N_OTHERS = 5
 
 @one_blas_thread()
 def diagnose(
-    arm: ArmLike,
-    session: SessionLike,
-    *,
-    lengths: LengthsLike | None = None,
-    free: Iterable[str] = ("base", "tip"),
+    arm: ArmLike, session: SessionLike, *, lengths: LengthsLike | None = None, free: Iterable[str] = ("base", "tip")
 ) -> Diagnosis:
     """Find what a person got wrong in an arm file or a table of readings.
 

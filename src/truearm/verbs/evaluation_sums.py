@@ -187,11 +187,7 @@ class _PartSums(Sums):
 
 
 def sums_over_parts(
-    model: Compensator,
-    large: LargeSession,
-    limits: Limits,
-    conditions: Conditions | None,
-    accept: str | None,
+    model: Compensator, large: LargeSession, limits: Limits, conditions: Conditions | None, accept: str | None
 ) -> EvaluationSums:
     """Figures of all reference points of a session.
 

@@ -250,12 +250,7 @@ def sums_of_readings(
 
 
 def fit_all(
-    model: Compensator,
-    sample: Session,
-    n_sample: int,
-    large: LargeSession,
-    limits: Limits,
-    accept: str | None,
+    model: Compensator, sample: Session, n_sample: int, large: LargeSession, limits: Limits, accept: str | None
 ) -> tuple[Compensator, AllReadings]:
     """The model of a sample by all readings of its session, where sums say it, and what is known of it then.
 

@@ -471,11 +471,7 @@ def repeated_readings(used: CheckedSession, fitted: Compensator | None = None) -
 
 
 def used_readings(
-    given: Session,
-    arm: Arm | None,
-    *models: Compensator,
-    limits: Limits = "skip",
-    lengths: LengthsLike | None = None,
+    given: Session, arm: Arm | None, *models: Compensator, limits: Limits = "skip", lengths: LengthsLike | None = None
 ) -> CheckedSession:
     """The readings that a test uses: those within the limits of the arm, repeats as one, and no training reading.
 

@@ -12,15 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from truearm.acceptance import (
-    Acceptance,
-    accept_also,
-    acceptance_remarks,
-    accepted,
-    accepting,
-    accepts,
-    overridden,
-)
+from truearm.acceptance import Acceptance, accept_also, acceptance_remarks, accepted, accepting, accepts, overridden
 from truearm.choices import Conditions
 from truearm.errors import InputError
 from truearm.findings import Finding, findings_of, shortened

@@ -223,10 +223,7 @@ def test_a_board_that_moved_in_one_image_takes_no_part_and_is_named(seed):
 
 @pytest.mark.parametrize(
     ("rows", "said"),
-    [
-        (np.roll(np.arange(N), 1), "robot and camera turn differently"),
-        (np.r_[1, 0, 2:N], None),
-    ],
+    [(np.roll(np.arange(N), 1), "robot and camera turn differently"), (np.r_[1, 0, 2:N], None)],
     ids=["shifted", "two exchanged"],
 )
 def test_images_of_other_poses_are_named(rows, said):
@@ -292,10 +289,7 @@ def test_a_bar_in_seats_beside_the_images_gives_the_size():
     [
         (lambda of: replace(of, reading=of.reading + 1), "expected readings 1 to 24"),
         (lambda of: replace(of, corner=of.corner + 1), "has no corner 88"),
-        (
-            lambda of: replace(of, board=np.where(of.reading > 9, "A", "B")),
-            "without a name is stated",
-        ),
+        (lambda of: replace(of, board=np.where(of.reading > 9, "A", "B")), "without a name is stated"),
         (lambda of: of.rows(of.reading < 4), "4 or more images"),
         (lambda of: replace(of, reading=np.where(of.reading == 2, 1, of.reading)), "one image a reading"),
         (

@@ -26,13 +26,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from truearm.arm.rigid_motions import rotations_and_jacobians
-from truearm.identification.estimation.perturbed_chain import (
-    CHUNK,
-    MOST_NARROW,
-    PerturbedChain,
-    chunks,
-    moved_chain,
-)
+from truearm.identification.estimation.perturbed_chain import CHUNK, MOST_NARROW, PerturbedChain, chunks, moved_chain
 from truearm.identification.references.references import LinearisedResiduals, Points, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.solve.arrowhead import Arrowhead

@@ -70,9 +70,7 @@ def with_shared_error(fit: IdentificationResult, response: FloatArray) -> Identi
     shared, k = np.outer(response, response), len(fit.coefficients) - len(response)
     shared, same = np.pad(shared, (0, k)), fit.repeatability_covariance
     return replace(
-        fit,
-        covariance=fit.covariance + shared,
-        repeatability_covariance=None if same is None else same + shared,
+        fit, covariance=fit.covariance + shared, repeatability_covariance=None if same is None else same + shared
     )
 
 

@@ -137,12 +137,7 @@ class Rounds:
         if self._by_rounding is not None and self.calm < 2:
             self._settle_known(self._by_rounding)
         self.noise, self.weights, self.robust_weights = _weights(
-            self.problem.references,
-            self.residuals,
-            self.known,
-            self._given,
-            self._per_reference,
-            robust=self._robust,
+            self.problem.references, self.residuals, self.known, self._given, self._per_reference, robust=self._robust
         )
         change = (np.abs(self.noise - before) / np.maximum(self.noise, LEAST_NOISE)).max()
         # A noise that repeats itself needs no second look, unless it is none.

@@ -349,12 +349,7 @@ def _cost(problem: SmallMotionProblem, weighed: _Weighed, x: FloatArray, residua
 
 
 def _weighed(
-    stated: list[FloatArray],
-    residuals: list[FloatArray],
-    variance: float,
-    of_arm: list[FloatArray],
-    *,
-    robust: bool,
+    stated: list[FloatArray], residuals: list[FloatArray], variance: float, of_arm: list[FloatArray], *, robust: bool
 ) -> _Weighed:
     """Weights under a noise and the `stated` variances (k, m).
 

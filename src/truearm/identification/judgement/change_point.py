@@ -116,11 +116,7 @@ def rigid_motions(points: FloatArray) -> FloatArray:
 
 
 def session_changes(
-    angles: FloatArray,
-    motions: Mapping[str, FloatArray],
-    residuals: FloatArray,
-    weights: FloatArray,
-    rows: IntArray,
+    angles: FloatArray, motions: Mapping[str, FloatArray], residuals: FloatArray, weights: FloatArray, rows: IntArray
 ) -> list[Change]:
     """Test whether something changed during a session, and what.
 

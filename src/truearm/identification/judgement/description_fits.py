@@ -207,11 +207,7 @@ def _standing(h: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _fit_seats(
-    flange: FloatArray,
-    R: FloatArray,
-    tip: FloatArray,
-    table: ReferenceTable,
-    interpretations: Sequence[Interpretation],
+    flange: FloatArray, R: FloatArray, tip: FloatArray, table: ReferenceTable, interpretations: Sequence[Interpretation]
 ) -> tuple[FloatArray, BoolArray, FloatArray, FloatArray]:
     """As `_fit_points`, of seats and the lengths between them: only the tip is fitted."""
     h, m = flange.shape[:2]

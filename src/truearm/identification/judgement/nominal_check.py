@@ -449,11 +449,7 @@ def left_by(
 
 
 def usual_nominal_error(
-    arm: Arm,
-    nominal: IdentificationResult,
-    state: ArmState,
-    references: Sequence[Reference],
-    constants: Sequence[Term],
+    arm: Arm, nominal: IdentificationResult, state: ArmState, references: Sequence[Reference], constants: Sequence[Term]
 ) -> float:
     """Root mean square distance that errors of the arm's constants usually cause, or its file states [mm].
 

@@ -259,8 +259,7 @@ def check_points_of_one_tip(readings: Session) -> None:
         )
     if not readings.has_point.any():
         raise InputError(
-            "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none",
-            file=readings.file,
+            "expected reference points (x_mm, y_mm, z_mm) to learn from, the readings have none", file=readings.file
         )
     if not readings.has_point.all():
         raise readings.error(

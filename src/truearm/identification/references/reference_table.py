@@ -89,11 +89,7 @@ def reference_table(
         assert session.points is not None
         rows, shifts = _rows_with_neighbours(seen)
         return ReferenceTable(
-            session.angles[rows],
-            {shift: session.points[rows + shift] for shift in shifts},
-            {},
-            np.zeros((0, 4)),
-            free,
+            session.angles[rows], {shift: session.points[rows + shift] for shift in shifts}, {}, np.zeros((0, 4)), free
         )
     if session.seat is None:
         return None

@@ -334,10 +334,7 @@ class Seats:
         del axes
         m, seat = tips.shape[1], self.seat[which]
         return LinearisedResiduals(
-            tips - self._centres(unknowns)[seat].T,
-            _identity(m),
-            3 * seat + np.arange(3)[:, None],
-            -_identity(m),
+            tips - self._centres(unknowns)[seat].T, _identity(m), 3 * seat + np.arange(3)[:, None], -_identity(m)
         )
 
     def constraints(self, unknowns: FloatArray) -> Constraints | None:

@@ -152,11 +152,7 @@ def uniform_links(chain: Chain, *, kg_per_m: float) -> LinkMasses:
 
 
 def gravity_torques(
-    chain: Chain,
-    angles: npt.ArrayLike,
-    links: LinkMasses,
-    *,
-    gravity_in_base: npt.ArrayLike = STANDARD_GRAVITY_IN_BASE,
+    chain: Chain, angles: npt.ArrayLike, links: LinkMasses, *, gravity_in_base: npt.ArrayLike = STANDARD_GRAVITY_IN_BASE
 ) -> FloatArray:
     """Gravity torque vector at every joint, (n, n_joints, 3) [N m]; see `gravity_loads`."""
     return gravity_loads(chain, angles, links, gravity_in_base=gravity_in_base).torque_in_joint
@@ -176,11 +172,7 @@ def loads_per_kg_at_tip(chain: Chain, angles: npt.ArrayLike, *, gravity_in_base:
 
 
 def gravity_loads(
-    chain: Chain,
-    angles: npt.ArrayLike,
-    links: LinkMasses,
-    *,
-    gravity_in_base: npt.ArrayLike = STANDARD_GRAVITY_IN_BASE,
+    chain: Chain, angles: npt.ArrayLike, links: LinkMasses, *, gravity_in_base: npt.ArrayLike = STANDARD_GRAVITY_IN_BASE
 ) -> GravityLoads:
     """Gravity loads of every joint, at the nominal pose.
 

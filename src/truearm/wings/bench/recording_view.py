@@ -67,15 +67,7 @@ def _windows_keys() -> Iterator[str]:
             yield ""
 
 
-KEYS = {
-    " ": "take",
-    "m": "take moving",
-    "u": "undo",
-    "n": "skip",
-    "r": "refit",
-    "w": "save",
-    "q": "end",
-}
+KEYS = {" ": "take", "m": "take moving", "u": "undo", "n": "skip", "r": "refit", "w": "save", "q": "end"}
 PROMPTS = {"s": "seat", "p": "point"}
 HELP = "space take  m take moving  u undo  s seat  p point  n skip pose  r refit  w save  q end"
 

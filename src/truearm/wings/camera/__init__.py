@@ -19,9 +19,6 @@ COMMANDS: dict[str, str] = {
     "corners": "commands:corners",
 }
 # What truearm simulate --instrument measures a virtual arm with.
-INSTRUMENTS = {
-    "camera": "simulate_images:write_simulation",
-    "camera-in-hand": "simulate_images:write_simulation",
-}
+INSTRUMENTS = {"camera": "simulate_images:write_simulation", "camera-in-hand": "simulate_images:write_simulation"}
 # Formats of transforms.
 TransformFormat = Literal["ros-transform", "easy-handeye", "yaml"]

@@ -199,8 +199,7 @@ def hand_eye(
         Path, Argument(metavar="SAMPLES", help="Poses of the board, and joints or flange poses: table, .yaml, .json.")
     ],
     robot: Annotated[
-        Path | None,
-        Argument(metavar="ROBOT", help="Joints or flange poses, if SAMPLES has none.", show_default=False),
+        Path | None, Argument(metavar="ROBOT", help="Joints or flange poses, if SAMPLES has none.", show_default=False)
     ] = None,
     arm: options.ArmOption = None,
     out: Annotated[Path | None, Option(help="File of the transform to write, in the format --as.")] = None,

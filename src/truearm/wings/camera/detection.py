@@ -145,13 +145,7 @@ def _start(
 
 
 def _model(
-    x: FloatArray,
-    grey: FloatArray,
-    inside: BoolArray,
-    u: IntArray,
-    v: IntArray,
-    *,
-    is_marker: bool,
+    x: FloatArray, grey: FloatArray, inside: BoolArray, u: IntArray, v: IntArray, *, is_marker: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Residuals (n, m) and derivatives (n, m, 7) by `_start`'s parameters; zero outside the windows."""
     from scipy.special import erf

@@ -179,12 +179,7 @@ BOARD = "board"
 
 
 def write_transforms(
-    path: str | Path,
-    camera: Transform,
-    board: Transform,
-    *,
-    format: TransformFormat,
-    frames: Sequence[str] = FRAMES,
+    path: str | Path, camera: Transform, board: Transform, *, format: TransformFormat, frames: Sequence[str] = FRAMES
 ) -> None:
     """Write where the camera is, in m, and in plain YAML the board too.
 

@@ -23,12 +23,7 @@ from truearm.readings.columns import ANGLE, FACTOR
 from truearm.typing import FloatArray, IntArray
 
 # Names that people know, and what they mean. Small letters: about fixed axes; capitals: about the turned ones.
-ALIASES = {
-    "rpy": "xyz:rad",
-    "kuka": "ZYX:deg",
-    "fanuc": "xyz:deg",
-    "ur": "rotvec:rad",
-}
+ALIASES = {"rpy": "xyz:rad", "kuka": "ZYX:deg", "fanuc": "xyz:deg", "ur": "rotvec:rad"}
 QUATERNIONS = ("xyzw", "wxyz")
 # A quaternion or a matrix that is farther from a rotation is in another order, or no rotation.
 ROUNDED = 0.02

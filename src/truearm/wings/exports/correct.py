@@ -354,11 +354,7 @@ class CorrectedTargets(TableRecord):
         """
         joints = check_joints(self.model)
         checked = correct_targets(
-            self.equipped,
-            Targets.of_joints(joints),
-            direction=self.direction,
-            untrained="accept",
-            uncertainty=False,
+            self.equipped, Targets.of_joints(joints), direction=self.direction, untrained="accept", uncertainty=False
         )
         if self.direction == "command":
             tips = nominal_poses(self.equipped).chain.tip_in_base(joints)

@@ -28,11 +28,7 @@ Verify = Annotated[
     bool, Option("--verify", help="Read every session file, also those of which size and time are as they were.")
 ]
 
-fleet = Typer(
-    rich_markup_mode=None,
-    no_args_is_help=True,
-    help="Keep many arms: fit them, list their states.",
-)
+fleet = Typer(rich_markup_mode=None, no_args_is_help=True, help="Keep many arms: fit them, list their states.")
 
 
 @fleet.command()
@@ -95,8 +91,7 @@ def add(
 
 @fleet.command()
 def remove(
-    folder: Folder,
-    serial_number: Annotated[str, Argument(metavar="SERIAL", help="Serial number of the arm.")],
+    folder: Folder, serial_number: Annotated[str, Argument(metavar="SERIAL", help="Serial number of the arm.")]
 ) -> None:
     """Take an arm off the fleet.
 
@@ -182,12 +177,7 @@ def check(
     opened = Fleet(folder)
     print_check(
         lambda: opened.check(
-            *(serial_number, file),
-            lengths=lengths,
-            specification=mpe,
-            retired=retired or (),
-            date=date,
-            accept=accept,
+            *(serial_number, file), lengths=lengths, specification=mpe, retired=retired or (), date=date, accept=accept
         ),
         file,
         page,
@@ -238,10 +228,7 @@ def status(folder: Folder, verify: Verify = False, as_json: options.Json = False
 
 
 @fleet.command()
-def report(
-    folder: Folder,
-    page: Annotated[Path, Option(help="Page to write, .html.")],
-) -> None:
+def report(folder: Folder, page: Annotated[Path, Option(help="Page to write, .html.")]) -> None:
     """Write a page of all arms, and one of each.
 
     The page of all arms is filtered as you type; those of the arms stand in a folder beside it.

@@ -11,14 +11,7 @@ from truearm.number_format import format_count
 from truearm.pages.page import Cell, Column, FormattedCell, LabelledValue, Page, PageVerdict, Section, State, Table
 
 What = Literal[
-    "failed",
-    "not conforming",
-    "recalibrate",
-    "due",
-    "to be fitted",
-    "check again",
-    "without readings",
-    "in force",
+    "failed", "not conforming", "recalibrate", "due", "to be fitted", "check again", "without readings", "in force"
 ]
 
 # What must be done first, first; and its colour.

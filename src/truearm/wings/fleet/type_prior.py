@@ -310,11 +310,7 @@ class LearnedTypePrior(TableRecord):
 
 
 def learn_type_prior(
-    arms: Sequence[RegisteredArm],
-    *,
-    arm: str | None,
-    executor: Executor,
-    progress: Callable[[int, str], None] | None,
+    arms: Sequence[RegisteredArm], *, arm: str | None, executor: Executor, progress: Callable[[int, str], None] | None
 ) -> LearnedTypePrior:
     """Learn what arms of one type have in common; see `Fleet.type_prior`."""
     kind = _type_of(arms, arm)

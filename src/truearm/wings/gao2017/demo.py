@@ -186,13 +186,7 @@ def experiment(
     models: dict[str, Compensator] = {
         "nominal": NominalModel(nominal, free=()),
         "network": NetworkModel(
-            nominal,
-            free=(),
-            hidden=settings.hidden,
-            trainer=TRAINER,
-            epochs=settings.epochs,
-            validation=0.0,
-            seed=seed,
+            nominal, free=(), hidden=settings.hidden, trainer=TRAINER, epochs=settings.epochs, validation=0.0, seed=seed
         ),
         "kinematic": KinematicModel(nominal, free=()),
         "hybrid": HybridModel(nominal, free=(), seed=seed),
@@ -331,16 +325,12 @@ class DemoResult(Record):
         preset, seed = done.arm.preset.name, done.arm.seed
         facts = [
             ("experiment", f"virtual arm, preset {preset}, seed {seed}{', quick' if self.quick else ''}"),
-            (
-                "noise floor",
-                f"mean error {floor['mean_mm']:.4f} mm: no model can be better",
-            ),
+            ("noise floor", f"mean error {floor['mean_mm']:.4f} mm: no model can be better"),
             *page_facts(done.models, session, {}),
         ]
         budgets = {"physical": uncertainty_budget(done.models["physical"], session)[0]}
         compared = replace(
-            compare_models(done.models, session, {}),
-            std_mm={name: budget.std_mm for name, budget in budgets.items()},
+            compare_models(done.models, session, {}), std_mm={name: budget.std_mm for name, budget in budgets.items()}
         )
         return comparison_page(
             compared,

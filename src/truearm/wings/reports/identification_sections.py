@@ -139,14 +139,10 @@ def uncertainty_section(budget: UncertaintyBudget, held_out: HeldOutErrors | Non
         LabelledValue("combined standard uncertainty u of a coordinate", budget.combined_mm, "mm"),
         LabelledValue("largest combined standard uncertainty on this page", budget.largest_mm, "mm"),
         LabelledValue(
-            f"expanded uncertainty U of a coordinate, k = {budget.coverage_factor:g}",
-            budget.expanded_mm,
-            "mm",
+            f"expanded uncertainty U of a coordinate, k = {budget.coverage_factor:g}", budget.expanded_mm, "mm"
         ),
         LabelledValue(
-            f"half axis of a point's {_LEVEL} ellipsoid, {budget.ellipsoid_factor:.2f} u",
-            budget.ellipsoid_mm,
-            "mm",
+            f"half axis of a point's {_LEVEL} ellipsoid, {budget.ellipsoid_factor:.2f} u", budget.ellipsoid_mm, "mm"
         ),
     ]
     if held_out is not None:

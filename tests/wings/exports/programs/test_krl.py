@@ -98,11 +98,7 @@ LEFT = {
         "XP1",
         "fixed in the cell",
     ),
-    "two tools": (
-        f"DECL E6POS P1\nP1={POSE}\n" + BOTH + "LIN P1\nBAS(#TOOL,0)\nLIN P1",
-        "P1",
-        "two corrections",
-    ),
+    "two tools": (f"DECL E6POS P1\nP1={POSE}\n" + BOTH + "LIN P1\nBAS(#TOOL,0)\nLIN P1", "P1", "two corrections"),
     "an unknown type": (f"STATION={POSE}", "STATION", "type is not declared"),
 }
 

@@ -68,15 +68,9 @@ LAYOUTS = {
         f"PROC main()\nSearchL\\Stop,di1,pFound,{POSE},v10,tGrip\\WObj:=wTable;\nENDPROC",
         ["SearchL in line 3"],
     ),
-    "a weld": (
-        f"PROC main()\nArcLStart {POSE},v10,s1,w1,fine,tGrip\\WObj:=wTable;\nENDPROC",
-        ["ArcLStart in line 3"],
-    ),
+    "a weld": (f"PROC main()\nArcLStart {POSE},v10,s1,w1,fine,tGrip\\WObj:=wTable;\nENDPROC", ["ArcLStart in line 3"]),
     "an array": (f"CONST jointtarget j{{2}}:=[{JOINTS},{JOINTS}];", ["j{1}", "j{2}"]),
-    "an array of two dimensions": (
-        f"CONST jointtarget j{{2,1}}:=[[{JOINTS}],[{JOINTS}]];",
-        ["j{1}{1}", "j{2}{1}"],
-    ),
+    "an array of two dimensions": (f"CONST jointtarget j{{2,1}}:=[[{JOINTS}],[{JOINTS}]];", ["j{1}{1}", "j{2}{1}"]),
     "a record": (
         (
             "RECORD station\nnum n;\njointtarget at;\nstring text;\nENDRECORD\n"
@@ -85,10 +79,7 @@ LAYOUTS = {
         ["s1.2", "s2{1}.2", "s2{2}.2"],
     ),
     "an assignment": (f"VAR jointtarget j1;\nPROC main()\nj1:={JOINTS};\nENDPROC", ["j1"]),
-    "signs and powers of ten": (
-        f"CONST jointtarget j1:=[[+1,- 2,3.09E-08,-4.e0,.5,0006],{NONE}];",
-        ["j1"],
-    ),
+    "signs and powers of ten": (f"CONST jointtarget j1:=[[+1,- 2,3.09E-08,-4.e0,.5,0006],{NONE}];", ["j1"]),
     "no last line end": (f"CONST jointtarget j1:={JOINTS};", ["j1"]),
     "German comments": (f"! Störung löschen\nCONST jointtarget jÜber:={JOINTS};", ["jÜber"]),
     "tools and frames are no targets": (
@@ -137,11 +128,7 @@ LEFT = {
         "MoveL Offs(p1,0,0,9)",
         "from p1",
     ),
-    "another module": (
-        "PROC main()\nMoveL pFar,v1,fine,tGrip;\nENDPROC",
-        "MoveL pFar",
-        "another module",
-    ),
+    "another module": ("PROC main()\nMoveL pFar,v1,fine,tGrip;\nENDPROC", "MoveL pFar", "another module"),
     "unknown tool": (
         f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tNew\\WObj:=wTable;\nENDPROC",
         "p1",

@@ -25,13 +25,7 @@ from truearm.wings.planning.designs.sampling import (
     surface_normals,
     uniform,
 )
-from truearm.wings.planning.designs.workspace import (
-    azimuth_of,
-    draw_points,
-    joint_origins,
-    stance,
-    within_cone,
-)
+from truearm.wings.planning.designs.workspace import azimuth_of, draw_points, joint_origins, stance, within_cone
 
 
 def limited(low_deg: float = -30.0, high_deg: float = 10.0, working_deg: float = 0.0) -> Arm:

@@ -72,13 +72,7 @@ def read_constants(link: Connection) -> Arm:
 
 
 def _arm(
-    n: int,
-    alpha: FloatArray,
-    a: FloatArray,
-    d: FloatArray,
-    beta: FloatArray,
-    title: str,
-    serial_number: str,
+    n: int, alpha: FloatArray, a: FloatArray, d: FloatArray, beta: FloatArray, title: str, serial_number: str
 ) -> Arm:
     flange = np.eye(4)
     for row in range(n, ROWS):  # without an encoder: the stylus

@@ -123,11 +123,7 @@ class ConstantsTable:
 
 
 def constants_table(
-    model: Compensator,
-    rigid: RigidArm,
-    *,
-    convention: Convention | None = None,
-    free: Sequence[str] | None = None,
+    model: Compensator, rigid: RigidArm, *, convention: Convention | None = None, free: Sequence[str] | None = None
 ) -> ConstantsTable:
     """The constants of a model's rigid stand-in beside the nominal ones.
 

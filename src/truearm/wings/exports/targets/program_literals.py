@@ -115,14 +115,7 @@ LANGUAGES: dict[str, Language] = {
         _krl,
         "use them with PTP; $TOOL and the robot's own accuracy option must be as they were in the readings",
     ),
-    "fanuc": Language(
-        ".ls",
-        "!",
-        ("/POS",),
-        ("/END",),
-        _fanuc,
-        "copy the positions into the /POS part of a program",
-    ),
+    "fanuc": Language(".ls", "!", ("/POS",), ("/END",), _fanuc, "copy the positions into the /POS part of a program"),
 }
 
 

@@ -13,7 +13,7 @@ from truearm.wings.importing.tables.table import Table
 
 TIME = re.compile(
     r"(^|[^a-z])(time|times|timestamp|stamp|t|zeit|datum|date|datetime|uhrzeit|clock|elapsed|时间)([^a-z]|$)|timestamp"
-    r"|^(secs?|seconds|millis|milliseconds|micros|nanos)$",
+    r"|^(secs?|seconds|millis|milliseconds|micros|nanos)$"
 )
 WHOLE = re.compile(r"(^|[^a-z])(secs?|seconds|tv_sec)$")
 REST = re.compile(r"(^|[^a-z])(nanosecs?|nsecs?|nanoseconds|nanos|tv_nsec)$")

@@ -15,11 +15,7 @@ from typing import Any
 from truearm.errors import InputError
 from truearm.wings.laboratory.certificate.dsi_quantities import MeasuredValue, clean, read_values
 
-SPACES = {
-    "dcc": "https://ptb.de/dcc",
-    "si": "https://ptb.de/si",
-    "xsi": "http://www.w3.org/2001/XMLSchema-instance",
-}
+SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si", "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
 MOST_ROWS = 40  # of results, in words
 DEEPEST = 20  # lists in lists
 

@@ -32,15 +32,7 @@ from truearm.wings.laboratory.standards.verification_text import RULE_STANDARDS
 # A temperature is stated to two decimals, and to four digits in words [K].
 _ROUNDING_K = 0.06
 # What this version states in every certificate.
-_ALWAYS = (
-    "coordinates",
-    "uncertainty",
-    "traceability",
-    "rated conditions",
-    "limits of use",
-    "item",
-    "reproduction",
-)
+_ALWAYS = ("coordinates", "uncertainty", "traceability", "rated conditions", "limits of use", "item", "reproduction")
 _LIMITS_OF_DECISION = r" Limits: (?P<source>.+), for a measuring range of (?P<mm>[\d.e+]+) mm"
 _CONDITION = re.compile(
     r"(?P<name>[a-z][a-z' ]*?) (?P<low>-?[\d.]+)(?: to (?P<high>-?[\d.]+))? [^\s,;]+(?: at some of the points)?, "

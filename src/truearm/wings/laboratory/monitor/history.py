@@ -51,10 +51,7 @@ MAX_BYTES = 256 * 2**20
 _TABLE = "CREATE TABLE checks (id INTEGER PRIMARY KEY, record TEXT NOT NULL, sha256 TEXT NOT NULL)"
 _HEAD = "CREATE TABLE head (id INTEGER PRIMARY KEY CHECK (id = 1), rows INTEGER NOT NULL, sha256 TEXT NOT NULL)"
 # Tables that ANALYZE, run by a database tool, adds.
-_STATISTICS = {
-    "CREATE TABLE sqlite_stat1(tbl,idx,stat)",
-    "CREATE TABLE sqlite_stat4(tbl,idx,neq,nlt,ndlt,sample)",
-}
+_STATISTICS = {"CREATE TABLE sqlite_stat1(tbl,idx,stat)", "CREATE TABLE sqlite_stat4(tbl,idx,neq,nlt,ndlt,sample)"}
 
 
 class HistoryFile:

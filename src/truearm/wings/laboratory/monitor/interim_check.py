@@ -400,11 +400,7 @@ def _expected_scatter(errors: PointErrors, probability: float) -> float | None:
 
 
 def _expected_length(
-    value: CheckValue,
-    seats: Mapping[str, IntArray],
-    points: FloatArray,
-    errors: PointErrors,
-    probability: float,
+    value: CheckValue, seats: Mapping[str, IntArray], points: FloatArray, errors: PointErrors, probability: float
 ) -> float:
     ends = next((a, b) for a in seats for b in seats if value.artefact == f"{a} to {b}")
     a, b = (seats[end] for end in ends)
@@ -504,11 +500,7 @@ def _of_seat(name: str, points: FloatArray, std: FloatArray) -> list[CheckValue]
 
 
 def _of_lengths(
-    lengths: Lengths,
-    seats: Mapping[str, IntArray],
-    points: FloatArray,
-    std: FloatArray,
-    degC: float | None,
+    lengths: Lengths, seats: Mapping[str, IntArray], points: FloatArray, std: FloatArray, degC: float | None
 ) -> list[CheckValue]:
     """Errors of lengths: ``|mean_a - mean_b| / (1 + alpha (T - 20)) - L``.
 

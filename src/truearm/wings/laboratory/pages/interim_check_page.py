@@ -99,11 +99,7 @@ _STATES: dict[RecalibrationAdvice, State] = {
 
 
 def drift_sections(
-    checks: Sequence[InterimCheck],
-    assessment: Assessment,
-    remarks: Sequence[str] = (),
-    *,
-    more: Sequence[Section] = (),
+    checks: Sequence[InterimCheck], assessment: Assessment, remarks: Sequence[str] = (), *, more: Sequence[Section] = ()
 ) -> tuple[Section, ...]:
     """Sections: the answer with the last check's values, `more`, the charts, all checks, and the method."""
     return (

@@ -171,10 +171,7 @@ def _steps(sheet: OperatorSheet) -> Section:
         rows.append((number, "" if test == before else test, action, in_file, points, _BLANK, _BLANK))
         before = test
     columns = Column.of("step", "test", "action", "in the file", "points", "artefact [degC]", "time, remarks")
-    return Section(
-        "Step by step",
-        tables=(Table(columns, tuple(rows), "In the order to measure.", fillable=True),),
-    )
+    return Section("Step by step", tables=(Table(columns, tuple(rows), "In the order to measure.", fillable=True),))
 
 
 def _records(sheet: OperatorSheet) -> Section:
@@ -468,10 +465,7 @@ def groups_figure(groups: Mapping[str, FloatArray]) -> Figure:
 
 # Across and up of each view of a ball, of coordinates ahead, left and up. In space: azimuth -120 deg, 20 deg above the
 # horizon, from where no two of the standard's directions coincide.
-_BALL_VIEWS = {
-    "from above": np.eye(3)[:2],
-    "in space": np.array([[0.866, -0.5, 0.0], [0.171, 0.296, 0.940]]),
-}
+_BALL_VIEWS = {"from above": np.eye(3)[:2], "in space": np.array([[0.866, -0.5, 0.0], [0.171, 0.296, 0.940]])}
 
 
 def _stylus(axes: Axes, name: str, direction: FloatArray, across_up: FloatArray) -> None:

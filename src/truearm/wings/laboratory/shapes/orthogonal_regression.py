@@ -143,12 +143,7 @@ class ShapeFit:
         return 2 * float(np.sqrt((self.residuals**2).sum(axis=1)).max())
 
 
-def minimise(
-    element: Element,
-    normal: NormalisedPoints,
-    starts: Iterable[Place],
-    spreads: FloatArray,
-) -> Place:
+def minimise(element: Element, normal: NormalisedPoints, starts: Iterable[Place], spreads: FloatArray) -> Place:
     """Minimise the sum of squared distances from several starts.
 
     Parameters

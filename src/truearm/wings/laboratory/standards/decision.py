@@ -311,13 +311,7 @@ def simple_applies(uncertainty: float, limit: float) -> bool:
 
 
 def assess_conformity(
-    label: str,
-    value: float,
-    budget: Budget,
-    limit: float | None,
-    *,
-    rule: DecisionRule,
-    where: str = "",
+    label: str, value: float, budget: Budget, limit: float | None, *, rule: DecisionRule, where: str = ""
 ) -> ConformityResult:
     """Return the row of a test value in mm, with the verdict where there is a limit."""
     verdict = None if limit is None else decide(value, budget.expanded, limit, rule=rule, dof=budget.dof)

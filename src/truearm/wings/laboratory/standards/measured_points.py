@@ -166,11 +166,7 @@ class MeasuredPoints:
 
     @classmethod
     def of(
-        cls,
-        groups: Iterable[tuple[str, PointGroup]],
-        *,
-        serial_number: str = "",
-        origin: CoordinateOrigin = NOT_STATED,
+        cls, groups: Iterable[tuple[str, PointGroup]], *, serial_number: str = "", origin: CoordinateOrigin = NOT_STATED
     ) -> MeasuredPoints:
         """Make measured points from groups, each with the name of its test; serial number of the arm, and origin.
 

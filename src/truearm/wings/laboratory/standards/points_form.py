@@ -91,10 +91,7 @@ def write_points_form(
         *PLANNED,
         *FROM,
     )
-    with (
-        atomic_file(path, read=read_planned_points) as beside,
-        beside.open("w", encoding="utf-8", newline="") as out,
-    ):
+    with atomic_file(path, read=read_planned_points) as beside, beside.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(heads)
         number = 0

@@ -162,9 +162,7 @@ Size = PlanEntry[Positive]  # [mm], or a ratio
 Share = PlanEntry[Annotated[NotNegative, AfterValidator(_at_most_whole)]]  # of a length; 0.66 is 66 %
 
 GuardBand = Literal[
-    "1.645 u, probability of 95 %",
-    "U on both sides of the limit",
-    "none where U is at most limit / 4, else U",
+    "1.645 u, probability of 95 %", "U on both sides of the limit", "none where U is at most limit / 4, else U"
 ]
 GUARD_BANDS: dict[DecisionRule, GuardBand] = {
     "iso14253-1:2017": "1.645 u, probability of 95 %",

@@ -14,12 +14,7 @@ from truearm.typing import FloatArray
 from truearm.wings.laboratory import FeatureKind
 from truearm.wings.laboratory.tasks import features
 from truearm.wings.laboratory.tasks.features import UP, Feature, length, length_at
-from truearm.wings.planning.designs.sampling import (
-    check_five_rotary_joints,
-    describe_rejections,
-    inner_limits,
-    reach,
-)
+from truearm.wings.planning.designs.sampling import check_five_rotary_joints, describe_rejections, inner_limits, reach
 from truearm.wings.planning.designs.workspace import Stance, azimuth_of, stance, within_cone
 
 # The size of each kind of feature, and a second one with its default.

@@ -105,12 +105,7 @@ def pose(layout: Sequence[Placement], arm: Arm, *, seed: int) -> PosedTest:
 
 
 def pose_test(
-    arm: Arm,
-    plan: VerificationPlan,
-    *,
-    artefacts: Artefacts | None,
-    specification: Specification | None,
-    seed: int,
+    arm: Arm, plan: VerificationPlan, *, artefacts: Artefacts | None, specification: Specification | None, seed: int
 ) -> tuple[Specification, Artefacts, PosedTest]:
     """The test with poses for an arm, with examples for what is not given.
 

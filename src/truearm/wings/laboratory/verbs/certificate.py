@@ -512,11 +512,7 @@ def artefacts_from_certificate(
     if not isinstance(certificate, CalibrationCertificate):
         raise InputError("the certificate is of an arm, not of an artefact", file=path, hint="give the artefact's")
     source = f"{clean(Path(path).name)}: certificate {certificate.number} of {certificate.laboratory}"
-    header = (
-        f"Filled in by truearm {__version__} from {source}.",
-        describe_signature(read.signature),
-        *_HEADER,
-    )
+    header = (f"Filled in by truearm {__version__} from {source}.", describe_signature(read.signature), *_HEADER)
     try:
         draft = draft_artefact(certificate, chosen=results, header=header)
     except InputError as error:

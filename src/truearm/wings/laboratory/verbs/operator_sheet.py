@@ -106,10 +106,7 @@ class OperatorSheetResult(PageRecord):
 
 @one_blas_thread()
 def operator_sheet(
-    plan: PlanLike,
-    *,
-    artefacts: ArtefactsLike | None = None,
-    specification: SpecificationLike | None = None,
+    plan: PlanLike, *, artefacts: ArtefactsLike | None = None, specification: SpecificationLike | None = None
 ) -> OperatorSheetResult:
     """Lay out the operator's sheet of a test plan: where the artefacts are placed, how and in which order to measure.
 

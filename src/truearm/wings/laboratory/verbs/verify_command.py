@@ -79,8 +79,7 @@ def points_verified(
 def simulate(
     verb: Any,
     model: Annotated[
-        str,
-        Argument(metavar="MODEL|PRESET", help="A model file, or research, shop, worn, printed or perfect."),
+        str, Argument(metavar="MODEL|PRESET", help="A model file, or research, shop, worn, printed or perfect.")
     ],
     plan: TestPlan = "iso10360-12",
     rule: RuleOption = None,
@@ -183,10 +182,7 @@ def fill_in_artefacts(
     out: Annotated[Path | None, Option(help="File of artefacts to write, .toml; printed without it.")] = None,
     result: Annotated[
         list[str] | None,
-        Option(
-            metavar="ROLE=NAME",
-            help="Which result is the diameter, length or form, as 'diameter=Mean diameter'.",
-        ),
+        Option(metavar="ROLE=NAME", help="Which result is the diameter, length or form, as 'diameter=Mean diameter'."),
     ] = None,
     trusted: Trusted = None,
     force: options.Force = False,

@@ -179,10 +179,7 @@ def read_planned(path: str | Path, arm: Arm) -> PlannedReadings:
     touched = [name for name in ("seat", "sphere", "position", "note") if name in sheet.names]
     diameters = [sheet.names.index(name) for name in sheet.names if name == TIP_SPHERE]
     numbers, words = read_columns(
-        sheet,
-        [*map(sheet.names.index, columns), *diameters],
-        list(map(sheet.names.index, touched)),
-        optional=diameters,
+        sheet, [*map(sheet.names.index, columns), *diameters], list(map(sheet.names.index, touched)), optional=diameters
     )
     numbers, tip_sphere_mm = numbers[:, : len(columns)], numbers[:, len(columns) :].ravel() if diameters else None
     if tip_sphere_mm is not None and (tip_sphere_mm <= 0).any():

@@ -151,10 +151,7 @@ def nominal_prior(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Pr
         raise InputError(f"expected the terms constants or physical, got {terms!r}")
     stds = np.concatenate([term.prior_stds for term in chosen])
     return Prior(
-        PerturbedChain(chain, tuple(chosen)),
-        np.diag(stds**-2.0),
-        noise_mm,
-        lambda angles: ArmState.of(arm, angles),
+        PerturbedChain(chain, tuple(chosen)), np.diag(stds**-2.0), noise_mm, lambda angles: ArmState.of(arm, angles)
     )
 
 

@@ -367,12 +367,7 @@ class _Chooser:
         )
 
     def _in_places(self, places: int, per_seat: int, *, technician: bool) -> Candidates:
-        options = {
-            "poses": per_seat,
-            "seed": self.seed,
-            "technician": technician,
-            "surroundings": self.surroundings,
-        }
+        options = {"poses": per_seat, "seed": self.seed, "technician": technician, "surroundings": self.surroundings}
         if self.artefact.length_mm is not None:
             return bar_places(self.arm, places, length_mm=self.artefact.length_mm, **options)  # type: ignore[arg-type]
         return seat_poses(self.arm, seats=places, **options)  # type: ignore[arg-type]

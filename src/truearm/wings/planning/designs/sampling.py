@@ -217,10 +217,7 @@ def measuring_poses(arm: Arm, n: int, *, seed: int, sector: Sector | None = None
         tries_left -= enough
     if missing:
         summary = f"arm {arm.name!r} takes only {n - missing} of {n} poses in {TRIES_PER_POSE * n} targets"
-        raise InputError(
-            f"{summary}: {describe_rejections(rejected)}",
-            hint="use a nearer sector or the strategy box",
-        )
+        raise InputError(f"{summary}: {describe_rejections(rejected)}", hint="use a nearer sector or the strategy box")
     return Poses(np.concatenate(accepted), dict(rejected))
 
 
@@ -234,8 +231,7 @@ def check_five_rotary_joints(arm: Arm) -> None:
     if arm.chain.is_prismatic.any():
         joint = int(np.argmax(arm.chain.is_prismatic)) + 1
         raise InputError(
-            f"postures need rotary joints; J{joint} of arm {arm.name!r} is prismatic",
-            hint="use the strategy uniform",
+            f"postures need rotary joints; J{joint} of arm {arm.name!r} is prismatic", hint="use the strategy uniform"
         )
 
 

@@ -295,11 +295,7 @@ def _turn(arm: Arm, start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def _one_round(
-    arm: Arm,
-    path: _Path,
-    problem: DesignProblem,
-    offers: tuple[FloatArray, FloatArray, BoolArray],
-    price: float,
+    arm: Arm, path: _Path, problem: DesignProblem, offers: tuple[FloatArray, FloatArray, BoolArray], price: float
 ) -> _Path:
     """Exchange each pose for the best that it is offered, if that is better."""
     offered_angles, offered_factors, is_allowed = offers

@@ -29,11 +29,7 @@ _WITHIN = 5.0
 
 
 def carry_out(
-    virtual: VirtualArm,
-    planned: PlannedReadings,
-    *,
-    seed: int,
-    lengths: Lengths | None = None,
+    virtual: VirtualArm, planned: PlannedReadings, *, seed: int, lengths: Lengths | None = None
 ) -> Measurement:
     """Measure the readings of a plan with a virtual arm.
 
