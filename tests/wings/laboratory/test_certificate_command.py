@@ -241,10 +241,7 @@ def test_without_confirmed_numbers_a_certificate_is_refused_or_marked(truearm, r
     assert (
         read_dcc("certificate.xml").conformity,
         "conformity>" in Path("certificate.xml").read_text(encoding="utf-8"),
-    ) == (
-        None,
-        False,
-    )
+    ) == (None, False)
 
 
 def test_a_certificate_for_paper_has_the_one_for_machines_inside(truearm, bench, key):
