@@ -76,6 +76,22 @@ def test_distances_determine_the_size(real, model):
     assert scale == pytest.approx(1.0, abs=1e-4)
 
 
+def test_a_stated_scale_of_distances_is_in_the_uncertainty(real, wires, model):
+    """A ruler 0.05 % too long: the covariance that its stated scale adds is what it does to the arm."""
+    angles, of_ruler = elsewhere(real), replace(wires, u_scale_ppm=np.full(len(wires), 500.0))
+    stated = KinematicModel(real.arm).fit_readings(of_ruler)
+    longer = KinematicModel(real.arm).fit_readings(replace(wires, distance_mm=1.0005 * wires.distance_mm))
+    moved = longer.predict(angles) - model.predict(angles)
+    added = np.subtract(*(one.predict(angles, return_cov=True)[1] for one in (stated, model)))
+    # To first order; scales of the priors and weights hardly change.
+    np.testing.assert_allclose(added, np.einsum("ni,nj->nij", moved, moved), atol=0.05 * np.abs(added).max())
+    assert stated.length_scale_.u > 5e-4
+    remarks = [" ".join(fit(real.arm, one, model="kinematic").remarks) for one in (wires, of_ruler)]
+    rest = "All lengths of the arm rest on the scale of the distances, "
+    assert f"{rest}which count as exact" in remarks[0]
+    assert f"{rest}as uncertain as stated, 0.05 %." in remarks[1]
+
+
 def test_held_out_distances_are_compared_pose_by_pose(wires, model):
     held = model.held_out_
     assert held.n_coordinates == 1

@@ -24,6 +24,7 @@ from truearm.readings import (
     read_session,
     skip_beyond_limits,
 )
+from truearm.readings.checks import remedy_of_unit
 
 LIMITS = np.radians([[-180.0, 180.0], [-90.0, 90.0]])
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
@@ -243,6 +244,17 @@ def test_reference_points_in_another_unit_are_refused_with_that_unit(rng, unit, 
     tips = rng.normal(scale=400.0, size=(50, 3))
     session = Session(rng.uniform(-2, 2, (50, 6)), (tips + [800.0, 0.0, 300.0]) / mm)
     refuses(f"may be in {unit}:", check_scale, session, tips)
+
+
+@pytest.mark.parametrize(("unit", "mm"), [("m", 1000.0), ("cm", 10.0), ("inch", 25.4)])
+def test_distances_in_another_unit_have_it_as_their_remedy(rng, unit, mm):
+    """Of pins around an arm whose nominal tips are off by 10 mm."""
+    tips, pins = rng.normal(scale=200.0, size=(60, 3)), rng.normal(scale=300.0, size=(3, 3))
+    distance = np.linalg.norm(tips + rng.normal(scale=10.0, size=(60, 3)) - np.repeat(pins, 20, axis=0), axis=1)
+    given = {"anchor": np.repeat(["a", "b", "c"], 20), "distance_mm": distance / mm}
+    session = Session(rng.uniform(-2, 2, (60, 6)), **given)
+    assert f"distances to anchors may be in {unit}:" in remedy_of_unit(session, tips)
+    assert remedy_of_unit(replace(session, distance_mm=distance), tips) == ""
 
 
 def test_the_unit_shows_in_set_ups_that_are_far_apart(rng):

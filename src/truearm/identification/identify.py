@@ -25,7 +25,7 @@ import numpy as np
 from truearm.findings import Finding
 from truearm.identification.estimation.identification import identify, with_few_changed
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.propagation import response_to_point_errors, with_shared_error
+from truearm.identification.estimation.propagation import response_to_errors, with_shared_error
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
     NONE_HELD_OUT,
@@ -113,6 +113,7 @@ from truearm.identification.terms import (
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
 from truearm.readings.checks import check_scale
+from truearm.readings.reference_uncertainty import PPM
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 
@@ -299,7 +300,7 @@ def judge_description(readings: PreparedReadings, nominal: IdentificationResult)
     check_scale(readings.measured, nominal.tips(readings.state))
     check = compare_with_nominal(readings, nominal)
     refuse_common_gain(check.common_gain, readings.measured)
-    refuse_implausible(check, readings.arm, readings.measured, nominal.tips(readings.state))
+    refuse_implausible(check, readings.arm, readings.measured)
     if not readings.frames:  # else the axes of a session are not those of its file
         check = replace(check, axis_scale=axis_scale(nominal, readings.state, references, every))
         refuse_axis(check.axis_scale, readings.measured)
@@ -563,7 +564,7 @@ def what_may_change(
     `widened` is the factor by which the covariance was raised for few readings; `complete` adds states that no reading
     had; `wider` is the arm with the error of the terms that the model does not have, or itself.
     """
-    scale = response_to_point_errors(fit, readings.state, readings.scale_errors)
+    scale = response_to_errors(fit, readings.state, readings.references, readings.scale_errors)
     fit = wider if widened == 1 else replace(wider, covariance=widened * wider.covariance)
     if not same_every_day:
         fit = on_another_day(fit)
@@ -624,7 +625,8 @@ def _concluded(
     if not same_every_day:
         rigid = constants(readings.state.chain, free=readings.free)
         signs = unshown_signs(fit, readings.state, readings.references, rigid)
-    reference_variance = reference_scale_variance(fit, readings.references)
+    stated = 0.0 if readings.measured.u_scale_ppm is None else PPM * float(readings.measured.u_scale_ppm.max())
+    reference_variance = reference_scale_variance(fit, readings.references) + stated**2
     whole = what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, wider=wider)
     whole = with_unshown_signs(whole, signs)
     scale = LengthScale.of(fit, freedom, widened * birge**2, reference_variance=reference_variance)

@@ -217,10 +217,9 @@ def _judge_set_up(model: IdentifiedModel, placed: IdentificationResult, set_up: 
     check = NominalCheck(typical_error(placed), usual, most_noise_mm=most_noise(model.nominal_, state, arm.chain.reach))
     if not check.is_usual:
         check = replace(check, left=left_by(placed, state, bare, set_up.terms))
-    tips = model.nominal_.tips(state)
     with explaining(arm, reference_table(readings, lengths, free=free), readings.file):
-        check_scale(readings, tips)
-        refuse_implausible(check, arm, readings, tips)
+        check_scale(readings, model.nominal_.tips(state))
+        refuse_implausible(check, arm, readings)
     return check
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from truearm.acceptance import contradict
 from truearm.errors import InputError
+from truearm.readings.anchors import LEAST_COMPARED, distance_errors, has_located_anchor
 from truearm.readings.columns import ANGLE
 from truearm.readings.lengths import ENDS, Lengths
 from truearm.readings.readings import TOUCHED, Measurements
@@ -30,6 +31,8 @@ MAX_REACHES = 4.0
 MAX_SCALE = 8.0
 # Units of length that points may be in by mistake [mm].
 UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
+# Times by which nominal tips miss distances less in their unit: of printed arms, whose drawings are the worst, 5 to 50.
+LESS_MISSED = 4.0
 
 
 @dataclass(frozen=True)
@@ -408,11 +411,12 @@ def check_scale(session: Measurements, tips: FloatArray) -> None:
 
 
 def remedy_of_unit(session: Measurements, tips: FloatArray) -> str:
-    """What to do where the points are likely in another unit than mm, by nominal tips (n, 3) [mm]; else empty."""
-    if (unit := _likely_unit(session, tips)) is None:
-        return ""
-    option = "in" if unit == "inch" else unit
-    return f"the points may be in {unit}: convert them to mm, or state it (truearm import --point-unit {option})"
+    """What to do where points or distances are likely in another unit than mm, by nominal tips (n, 3) [mm]; or ""."""
+    if (unit := _likely_unit(session, tips)) is not None:
+        option = "in" if unit == "inch" else unit
+        return f"the points may be in {unit}: convert them to mm, or state it (truearm import --point-unit {option})"
+    unit = _likely_unit_of_distances(session, tips)
+    return "" if unit is None else f"the distances to anchors may be in {unit}: convert them to mm"
 
 
 def _likely_unit(session: Measurements, tips: FloatArray) -> str | None:
@@ -426,6 +430,16 @@ def _likely_unit(session: Measurements, tips: FloatArray) -> str | None:
     off = {unit: abs(np.log(factor * spread / nominal)) for unit, factor in UNITS_MM.items()}
     unit = min(off, key=off.__getitem__)
     return unit if off[unit] < min(np.log(2), abs(np.log(spread / nominal))) else None
+
+
+def _likely_unit_of_distances(session: Measurements, tips: FloatArray) -> str | None:
+    """The unit in which nominal tips (n, 3) [mm] miss distances `LESS_MISSED` times less than in mm, if any."""
+    if not has_located_anchor(session, LEAST_COMPARED):
+        return None
+    units = {"mm": 1.0} | UNITS_MM
+    missed = {unit: f * distance_errors(tips / f, session)["distance_rms_mm"] for unit, f in units.items()}
+    unit = min(missed, key=missed.__getitem__)
+    return unit if LESS_MISSED * missed[unit] < missed["mm"] else None
 
 
 def _spreads(session: Measurements, tips: FloatArray) -> tuple[float, float]:

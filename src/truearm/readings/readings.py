@@ -46,7 +46,7 @@ SPHERE_DISTANCE = ("sphere_distance_mm", "u_sphere_distance_mm")
 ANCHOR_DISTANCE = ("distance_mm", "u_distance_mm", "u_offset_mm")
 
 # Columns of the session file, and the largest value of each: a tenth of a per cent and a millimetre are no reference.
-SHARED_UNCERTAINTIES = {"u_scale_ppm": 1000.0, "u_common_mm": 1.0}
+SHARED_UNCERTAINTIES = {"u_scale_ppm": 10_000.0, "u_common_mm": 1.0}
 
 # What may be stated beside the angles, in fields of their own.
 _BESIDE_ANGLES = (
@@ -115,6 +115,7 @@ class Measured(NamedRows):
     anchor: NameArray | None
     distance_mm: FloatArray | None
     u_offset_mm: FloatArray | None
+    u_scale_ppm: FloatArray | None
     temperature_degC: FloatArray | None
     file: Path | None
     numbers: IntArray | None

@@ -39,23 +39,27 @@ def reference_covariance(readings: Readings, *, is_frame_free: bool) -> FloatArr
     """Covariance of the reference points, (n, 3, 3) [mm^2]: their own, that of their position, that of the scale."""
     own = np.zeros((len(readings), 3)) if readings.point_std is None else readings.point_std**2
     common = common_variance_of_repeats(readings)[0]
-    scale = scale_errors(readings, is_frame_free=is_frame_free)
+    scale = scale_errors(readings, is_frame_free=is_frame_free)[:, :3]
     return (own + common[:, None])[:, :, None] * np.eye(3) + scale[:, :, None] * scale[:, None]
 
 
 def scale_errors(readings: Readings, *, is_frame_free: bool) -> FloatArray:
-    """Errors of the points by one standard uncertainty of the reference's scale, (n, 3) [mm].
+    """Errors of x, y, z and the distance by one standard uncertainty of the reference's scale, (n, 4) [mm].
 
     The scale is about the mean of a session's points, where the frame is free: the readings then define it. Otherwise
     it is about the origin. The errors of several sessions are one error, that of one instrument.
     """
-    out = np.zeros((len(readings), 3))
-    if readings.u_scale_ppm is None or readings.points is None:
+    out = np.zeros((len(readings), 4))
+    if readings.u_scale_ppm is None:
+        return out
+    if readings.distance_mm is not None:
+        out[:, 3] = PPM * readings.u_scale_ppm * np.nan_to_num(readings.distance_mm)
+    if readings.points is None:
         return out
     sessions = np.full(len(readings), "") if readings.session is None else readings.session
     for name in np.unique(sessions):
         rows = np.flatnonzero((sessions == name) & readings.has_point)
         if len(rows):
             centre = readings.points[rows].mean(axis=0) if is_frame_free else np.zeros(3)
-            out[rows] = PPM * readings.u_scale_ppm[rows, None] * (readings.points[rows] - centre)
+            out[rows, :3] = PPM * readings.u_scale_ppm[rows, None] * (readings.points[rows] - centre)
     return out

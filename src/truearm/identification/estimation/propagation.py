@@ -21,19 +21,26 @@ points around it, and distances have the error of the scale.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.linearisation import eliminate_unknowns
+from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.references.alignment import rigid_motions
+from truearm.identification.references.distances import Distances
+from truearm.identification.references.references import Reference
 from truearm.identification.terms.state import ArmState
 from truearm.solve.linear_algebra import covariance_factor
 from truearm.typing import FloatArray
 
 
-def response_to_point_errors(fit: IdentificationResult, state: ArmState, errors: FloatArray) -> FloatArray:
-    """Change of the coefficients by errors of the points, to first order.
+def response_to_errors(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], errors: FloatArray
+) -> FloatArray:
+    """Change of the coefficients by errors of the points and distances, to first order.
 
     Parameters
     ----------
@@ -41,22 +48,31 @@ def response_to_point_errors(fit: IdentificationResult, state: ArmState, errors:
         At the minimum, with the covariance of the readings.
     state : ArmState
         Of all n readings.
-    errors : (n, 3) array
-        Of the points, in the frame of the chain [mm].
+    references : sequence of Reference
+        Of the result.
+    errors : (n, 4) array
+        Of the points, in the frame of the chain, and of the distances [mm].
 
     Returns
     -------
     (n_coefficients,) array
-        Zeros if no reading has a point.
+        Zeros if no reading has a point or a distance.
     """
     gradient = np.zeros(len(fit.coefficients))
     if not errors.any():
         return gradient
-    for reference in fit.references:
-        if reference.kind == "point":
+    for reference, part in zip(references, fit.references, strict=True):
+        if part.kind == "point":
             pulls = np.zeros((3, len(state)))
-            pulls[:, reference.rows] = reference.weights**2 * errors[reference.rows].T
+            pulls[:, part.rows] = part.weights**2 * errors[part.rows, :3].T
             gradient += fit.perturbed_chain.gradient(state, fit.coefficients, pulls)
+        elif isinstance(reference, Distances):  # anchors and offsets take their part
+            longer = replace(reference, distances=reference.distances + errors[part.rows, 3])
+            x = np.concatenate([fit.coefficients, list(part.unknowns.values())])
+            for sign, one in ((1, reference), (-1, longer)):
+                problem = SmallMotionProblem(fit.perturbed_chain, state, (one,))
+                reduced = eliminate_unknowns(*problem.equations(x, [part.weights]), x)
+                gradient += sign * reduced.gradient[: len(gradient)]
     return np.asarray(fit.covariance @ gradient)
 
 

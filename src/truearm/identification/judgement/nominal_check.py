@@ -472,7 +472,7 @@ def typical_error(fit: IdentificationResult) -> float:
     return float(np.quantile(distances, QUANTILE)) if len(distances) else 0.0
 
 
-def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements, tips: FloatArray) -> None:
+def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements) -> None:
     """Refuse readings that no arm of these nominal kinematics can have made.
 
     Parameters
@@ -480,8 +480,6 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements, ti
     check : NominalCheck
     arm : Arm
     readings : Session
-    tips : (n, 3) array
-        Tips of the nominal arm [mm].
 
     Raises
     ------
@@ -519,7 +517,7 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements, ti
     if check.identified is not None:
         why = f"; with its constants identified {check.left} remain"
         why += f", and the largest is {largest}" if (largest := check.identified.largest) else ""
-    of_unit = remedy_of_unit(readings, tips)
+    of_unit = remedy_of_unit(readings, arm.chain.tip_in_base(readings.angles))  # a tip fitted to them would be in it
     still = [f"J{joint + 1}" for joint in np.flatnonzero(np.ptp(readings.angles, axis=0) == 0).tolist()]
     readings.contradict(
         f"the nominal arm {arm.name!r} misses its references by {check.error_mm:.4g} mm at one reading of four, where "

@@ -104,8 +104,8 @@ class PreparedReadings:
         What is held out together: positions, seats, or regions of the joint space.
     table : ReferenceTable or None
         In which mistakes of a description are looked for.
-    scale_errors : (n, 3) array
-        Of the points by one standard uncertainty of the reference's scale [mm].
+    scale_errors : (n, 4) array
+        Of x, y, z and the distance by one standard uncertainty of the reference's scale [mm].
     n_repeats : (n,) int array or None
         How many readings each is the mean of.
     averaged_mm2, repeat_std_mm : float
@@ -259,6 +259,11 @@ def _findings(readings: Session, lengths: Lengths | None, frames: list[str]) -> 
     if all(one is None for one in (readings.points, lengths, readings.sphere_distance, readings.distance_mm)):
         said = "the arm keeps its nominal size, as uncertain as its lengths"
         yield Finding("size", f"No reference point and no length is known: {said}.")
+    elif all(one is None for one in (readings.points, lengths, readings.sphere_distance)):
+        u = 0.0 if readings.u_scale_ppm is None else 1e-4 * float(readings.u_scale_ppm.max())
+        exact = "which count as exact: state u_scale_ppm (1000 for 0.1 %)"
+        said = f"as uncertain as stated, {u:.2g} %" if u else exact
+        yield Finding("size", f"All lengths of the arm rest on the scale of the distances, {said}.", {"u_percent": u})
 
 
 def with_rounded_angles(state: ArmState) -> ArmState:
