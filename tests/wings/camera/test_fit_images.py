@@ -109,6 +109,20 @@ def test_six_residuals_an_image_have_the_equations_of_all_its_pixels(in_hand):
     assert np.allclose(compressed / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
 
 
+def test_images_contradict_zeros_that_are_off_and_are_not_ignored_for_them():
+    """With a zero 8 deg off two right images look as if they were of another pose; one that is so is named."""
+    cell, session, pixels = measured(False)
+    off = replace(session, angles=session.angles + np.radians([0, 8, 0, 0, 0, 0]))
+    found = fit_images("ur5", off, pixels, board=cell.board, model="kinematic")
+    assert found.n_used == N
+    said = " ".join(map(str, found.findings))
+    assert "J2 -8.0" in said
+    assert "another pose" not in said
+    moved = replace(off, angles=off.angles + 0.5 * (np.arange(N) == 3)[:, None])
+    found = fit_images("ur5", moved, pixels, board=cell.board, model="kinematic")
+    assert any(str(one).endswith("the arm moved: image 4 (reading 4).") for one in found.findings)
+
+
 @pytest.mark.parametrize("in_hand", [False, True])
 def test_arm_camera_and_board_are_found_within_their_uncertainty(in_hand):
     cell, found = measured(in_hand)[0], fitted(in_hand)

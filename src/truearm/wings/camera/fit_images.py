@@ -143,15 +143,27 @@ def fit_images(
     known_lengths = read_lengths(lengths) if isinstance(lengths, str | Path) else lengths
     cell = CellImages.of(readings, pixels, board, camera, u_camera_px, eye_in_hand)
     others = None if test is None else cell.others(to_session(test[0], n_joints=known.n_joints), test[1])
-    placed = _Placed.of(known, cell)
-    free = ("base", "tip")
+
+    def fitted(placed: _Placed) -> tuple[CellPoses, FitResult]:
+        settled = placed.poses.settled(placed.arm, ("base", "tip"))
+        at = settled.session()
+        return settled, fit(placed.arm, at, model=model, lengths=known_lengths, accept=accept, progress=progress)
+
+    placed = _Placed.of(known, cell, known)
     try:
-        settled = placed.poses.settled(placed.arm, free)
-        result = fit(
-            placed.arm, settled.session(), model=model, lengths=known_lengths, accept=accept, progress=progress
-        )
+        settled, result = fitted(placed)
     except InputError as error:
         raise placed.contradiction or error from None
+    zeros = result.model.nominal_check_.identified
+    if (
+        result.identifies_constants
+        and zeros is not None
+        and zeros.zeros
+        and (placed.contradiction or any(pair.sentences for pair in placed.pairs))
+    ):
+        # Right images contradict an arm whose zeros are off: they are judged again by the zeros found.
+        placed = _Placed.of(known, cell, result.arm_with_zeros())
+        settled, result = fitted(placed)
     _check_apart(placed, result)
     if found := accepted(result.model.accepted_):  # the fit says what it accepted itself; before and after was more
         result.model.accepted_ = found
@@ -421,7 +433,8 @@ class _Placed:
     pairs: tuple[_Pair, ...]
 
     @classmethod
-    def of(cls, arm: Arm, cell: CellImages) -> _Placed:
+    def of(cls, arm: Arm, cell: CellImages, turned: Arm) -> _Placed:
+        """Of an arm, by the motions of the flange that it has with its zeros as they were `turned`."""
         adjusted, images, findings = _adjusted(cell)
         poses = CellPoses(
             readings=cell.readings,
@@ -431,7 +444,7 @@ class _Placed:
             in_hand=cell.in_hand,
             T_child_tip={},
         )
-        pose = arm.chain.with_tip(np.zeros(3)).pose(cell.readings.angles[cell.rows])
+        pose = turned.chain.with_tip(np.zeros(3)).pose(cell.readings.angles[cell.rows])
         flange, seen = motion(pose.R_base_tip, pose.tip_in_base), poses.T_camera_board
         pairs = []
         for carried, standing, own in poses.pairs():
