@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.arm.rigid_motions import motion
@@ -121,6 +122,21 @@ def test_images_contradict_zeros_that_are_off_and_are_not_ignored_for_them():
     moved = replace(off, angles=off.angles + 0.5 * (np.arange(N) == 3)[:, None])
     found = fit_images("ur5", moved, pixels, board=cell.board, model="kinematic")
     assert any(str(one).endswith("the arm moved: image 4 (reading 4).") for one in found.findings)
+
+
+@pytest.mark.parametrize("in_hand", [False, True])
+def test_a_camera_or_board_at_another_place_in_the_test_is_said(in_hand):
+    """Moved by 10 mm and 1 deg; where it is, the identified arm leaves 0.2 to 0.4 mm."""
+    cell, session, pixels = measured(in_hand)
+    standing, carried = ("board", "camera") if in_hand else ("camera", "board")
+    moved = motion(Rotation.from_rotvec(np.radians([1.0, 0, 0])).as_matrix(), np.array([0, 10.0, 0]))
+    for name, said in (("T_world_fixed", f"The {standing} stands"), ("T_flange_mounted", f"The {carried} sits on")):
+        other = replace(cell, **{name: getattr(cell, name) @ moved})
+        found = fit_images("ur5", session, pixels, board=cell.board, eye_in_hand=in_hand, model="kinematic",
+                           test=other.table(10, seed=9))  # fmt: skip
+        (one,) = found.test.findings
+        assert str(one).startswith(said)
+        assert one.numbers["turned_deg"] == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize("in_hand", [False, True])

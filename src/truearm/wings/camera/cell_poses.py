@@ -194,6 +194,8 @@ class CellPoses:
 
 
 LEVEL = 0.95
+# From so many images on, and where it leaves so many times less, a camera or board is said to be at another place.
+LEAST_IMAGES, LEAST_LESS = 4, 4.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -256,7 +258,7 @@ class ImageErrors(Record):
             images=images,
             adjusted=adjust(images, *start, unknowns, keep=True),
         ).named()
-        errors, known = _errors(model, poses, covariance)
+        errors, known, predicted, seen = _errors(model, poses, covariance)
         alone = _errors(nominal, poses, None)[0]
         limit = model.ellipsoid_factor(LEVEL) ** 2
         inside = [
@@ -272,7 +274,7 @@ class ImageErrors(Record):
             alone_deg=np.degrees(alone[:, 3:]),
             position_inside=inside[0],
             orientation_inside=inside[1],
-            findings=cell.findings,
+            findings=(*cell.findings, *_other_places(poses, predicted, seen, inside[0])),
         )
 
     def summary(self) -> str:
@@ -325,8 +327,43 @@ class ImageErrors(Record):
         }
 
 
-def _errors(model: IdentifiedModel, poses: CellPoses, joint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Errors (n, 6) of the boards' middles [mm] and orientations [rad], and their covariance (n, 6, 6).
+def _other_places(poses: CellPoses, predicted: FloatArray, seen: FloatArray, inside: BoolArray) -> Iterator[Finding]:
+    """That what stands, or what the flange carries, is at another place than in the fit, by poses (n, 4, 4)."""
+    for carried, standing, own in poses.pairs():
+        if own.sum() < LEAST_IMAGES or 2 * inside[own].sum() > own.sum():
+            continue
+        P, S = predicted[own], seen[own]
+        before = float(np.linalg.norm(P[:, :3, 3] - S[:, :3, 3], axis=1).mean())
+        turned = Rotation.from_matrix(P[:, :3, :3] @ S[:, :3, :3].transpose(0, 2, 1)).mean()
+        on_flange = Rotation.from_matrix(S[:, :3, :3].transpose(0, 2, 1) @ P[:, :3, :3]).mean()
+        found = []
+        for name, where, turn, apart in (
+            (standing, "stands", turned, P[:, :3, 3] - turned.apply(S[:, :3, 3])),
+            (
+                carried,
+                "sits on the flange",
+                on_flange,
+                np.einsum("nji,nj->ni", S[:, :3, :3], P[:, :3, 3] - S[:, :3, 3]),
+            ),
+        ):
+            shift = apart.mean(axis=0)
+            left = float(np.linalg.norm(apart - shift, axis=1).mean())
+            found.append((left, name, where, float(np.linalg.norm(shift)), float(np.degrees(turn.magnitude()))))
+        left, name, where, mm, deg = min(found)
+        if LEAST_LESS * left < before:
+            said = (
+                f"The {name} {where} {format_mm(mm)} and {deg:.2g} deg from its place in the fit: with that "
+                f"{format_mm(left)} remain of {format_mm(before)}. Put it back, or fit images from there."
+            )
+            yield Finding("hand-eye", said, {"moved_mm": mm, "turned_deg": deg})
+
+
+def _errors(
+    model: IdentifiedModel, poses: CellPoses, joint: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Errors (n, 6) of the boards' middles [mm] and orientations [rad], their covariance (n, 6, 6), and poses.
+
+    The poses (n, 4, 4) are those of the tip in what stands, predicted and seen.
 
     An error of the cameras moves what is seen, and the arm with it: both are uncertain together. The covariance is
     without that of the arm and the cameras where none is given.
@@ -350,4 +387,4 @@ def _errors(model: IdentifiedModel, poses: CellPoses, joint: FloatArray | None) 
     lever = np.where(in_hand, 0.0, poses.adjusted.t) - seen[:, :3, 3]
     D = np.tile(np.eye(6), (len(lever), 1, 1))
     D[:, :3, 3:] = -cross_matrix(lever)
-    return np.einsum("nij,nj->ni", D, errors), D @ covariance @ D.transpose(0, 2, 1)
+    return np.einsum("nij,nj->ni", D, errors), D @ covariance @ D.transpose(0, 2, 1), predicted, seen

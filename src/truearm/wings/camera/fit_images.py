@@ -154,13 +154,8 @@ def fit_images(
         settled, result = fitted(placed)
     except InputError as error:
         raise placed.contradiction or error from None
-    zeros = result.model.nominal_check_.identified
-    if (
-        result.identifies_constants
-        and zeros is not None
-        and zeros.zeros
-        and (placed.contradiction or any(pair.sentences for pair in placed.pairs))
-    ):
+    zeros, doubted = result.model.nominal_check_.identified, any(pair.sentences for pair in placed.pairs)
+    if result.identifies_constants and zeros is not None and zeros.zeros and (doubted or placed.contradiction):
         # Right images contradict an arm whose zeros are off: they are judged again by the zeros found.
         placed = _Placed.of(known, cell, result.arm_with_zeros())
         settled, result = fitted(placed)
