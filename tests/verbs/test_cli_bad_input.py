@@ -155,7 +155,9 @@ def test_a_few_readings_beyond_a_joint_limit_are_named_and_skipped_or_used(truea
     fitted = ["fit", "u.csv", "--arm", "ur5", "--model", "nominal", "--out", "m.truearm"]
     ran = truearm(*fitted)
     assert (ran.code, told in ran.out, "39 readings" in ran.out) == (0, True, True)
-    assert told in truearm("evaluate", "m.truearm", "u.csv").out
+    for verb in (("evaluate", "m.truearm", "u.csv"), ("report", "m.truearm", "u.csv", "--page", "u.html")):
+        ran = truearm(*verb)
+        assert (told in ran.out, "39 readings" in ran.out) == (True, True)
     ran = truearm(*fitted, "--limits", "ignore")
     assert (ran.code, "beyond" in ran.out, "40 readings" in ran.out) == (0, False, True)
     ran = truearm("predict", "m.truearm", "u.csv", "--out", "p.csv")

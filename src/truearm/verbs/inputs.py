@@ -310,13 +310,15 @@ def check_has_reference(session: Session, arm: Arm | None, *, purpose: str, leas
 
 
 def with_reference(session: Session, arm: Arm) -> CheckedSession:
-    """Select the readings with reference points; if there are none, those in seats.
+    """Select the readings within the joint limits that have reference points; if there are none, those in seats.
 
     Raises
     ------
     InputError
-        As `check_has_reference`.
+        As `within_limits` and `check_has_reference`.
     """
+    allowed = within_limits(session, arm)
+    session = allowed.session
     check_has_reference(session, arm, purpose="compare with")
     useful, lack = session.has_point, "have no reference point"
     if not useful.any() and session.seat is not None:
@@ -326,11 +328,11 @@ def with_reference(session: Session, arm: Arm) -> CheckedSession:
             "expected reference points or seats to compare with, the session has distances to anchors only",
             hint="truearm evaluate MODEL SESSION",
         )
-    rows = np.flatnonzero(useful)
     if useful.all():
-        return CheckedSession(session, rows, ())
+        return allowed
     remark = f"{int((~useful).sum())} of {len(session)} readings {lack} and are skipped."
-    return CheckedSession(session.rows(rows), rows, (Finding("no reference", remark),))
+    found = (*allowed.findings, Finding("no reference", remark))
+    return CheckedSession(session.rows(useful), allowed.rows[useful], found)
 
 
 def session_lengths(

@@ -136,7 +136,7 @@ def test_a_camera_or_board_at_another_place_in_the_test_is_said(in_hand):
                            test=other.table(10, seed=9))  # fmt: skip
         (one,) = found.test.findings
         assert str(one).startswith(said)
-        assert one.numbers["turned_deg"] == pytest.approx(1.0, abs=0.02)
+        assert one.numbers["turned_deg"] == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize("in_hand", [False, True])

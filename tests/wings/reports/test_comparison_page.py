@@ -10,7 +10,12 @@ from truearm.models.uncertainty import UncertaintyBudget
 from truearm.pages.drawings.arm_scene import arm_at_readings
 from truearm.pages.html import render
 from truearm.readings import Session, compare_errors
-from truearm.wings.reports.comparison_page import ModelComparison, comparison_page, comparison_verdict
+from truearm.wings.reports.comparison_page import (
+    ModelComparison,
+    comparison_page,
+    comparison_verdict,
+    improvement_sentence,
+)
 
 
 @pytest.fixture(scope="module")
@@ -113,3 +118,9 @@ def test_readings_of_several_sessions_have_no_common_arm(compared):
     two = Session(compared.angles, compared.points, session=np.repeat(["A", "B"], 20))
     assert arm_at_readings(model, two) is None
     assert arm_at_readings({}, two) is None
+
+
+def test_an_error_that_hardly_falls_is_as_large_as_before():
+    said = improvement_sentence("Mean error", 0.102, 0.1).replace("\N{NARROW NO-BREAK SPACE}", " ")
+    assert said == "Mean error 0.100 mm, as large as before (0.102 mm)."
+    assert "1.1 times smaller than before" in improvement_sentence("Mean error", 0.106, 0.1)

@@ -300,6 +300,8 @@ def improvement_sentence(what: str, before_mm: float | None, after_mm: float) ->
         return f"{what} {show_mm(after_mm)}."
     if not after_mm < before_mm:
         return f"{what} {show_mm(before_mm)}; compensation does not reduce it."
+    if before_mm < 1.05 * after_mm:
+        return f"{what} {show_mm(after_mm)}, as large as before ({show_mm(before_mm)})."
     factor = f"{before_mm / after_mm:.2g}" if before_mm < 100 * after_mm else "over 100"
     return f"{what} {show_mm(after_mm)}, {factor} times smaller than before ({show_mm(before_mm)})."
 

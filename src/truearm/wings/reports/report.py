@@ -23,7 +23,6 @@ from truearm.verbs.evaluate import AnyModelLike, Regressors, evaluate, is_regres
 from truearm.verbs.inputs import (
     LengthsLike,
     SessionLike,
-    check_angles_fit,
     evaluation_findings,
     model_of_tip_of,
     tested_readings,
@@ -329,10 +328,8 @@ def report(
     large = LargeSession.open(str(session)) if is_large(session) else None
     first, readings = to_model_and_session(first_model, session if large is None else large.sample())
     n_sample = len(readings)
-    remarks = [*map(str, check_angles_fit(readings, first.arm))]
     compared = with_reference(readings, first.arm)
-    readings = compared.session
-    if lengths is not None and readings.points is not None:
+    if lengths is not None and compared.session.points is not None:
         raise InputError(
             "lengths are for a session without reference points, and this one has them",
             file=lengths if isinstance(lengths, str | Path) else None,
@@ -340,7 +337,7 @@ def report(
         )
     # The other models are of the same arm, or `one_arm` refuses them: one check of the readings is enough.
     fitted = {first_name: first} | {name: to_model(model) for name, model in others}
-    fitted = {name: model_of_tip_of(model, readings) for name, model in fitted.items()}
+    fitted = {name: model_of_tip_of(model, compared.session) for name, model in fitted.items()}
     one_arm(fitted)
     tested = tested_readings(compared, readings, lengths, *fitted.values())
     readings, known = tested.session, expanded_lengths(tested.lengths, tested.session)
@@ -356,7 +353,7 @@ def report(
         known,
         _errors(comparison),
         title,
-        (*remarks, *map(str, tested.findings)),
+        tuple(map(str, tested.findings)),
         comparison,
         files,
         accept,
