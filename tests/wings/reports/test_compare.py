@@ -59,6 +59,18 @@ def test_an_unchanged_arm_is_said_to_be_unchanged(models):
     assert again.summary().endswith("within the uncertainty.")
 
 
+def test_what_the_readings_do_not_determine_is_said_in_place_of_a_huge_uncertainty():
+    """Of a UR10 whose tip is on the axis of joint 6 no readings tell where that axis is: U would be 200 mm."""
+    change = ta.compare(*(ta.fit("ur10", ta.simulate("ur10", poses=40, seed=seed).session, model="kinematic").model
+                          for seed in (1, 2)))  # fmt: skip
+    one = next(one for one in change.constants if (one.place, one.name) == ("J5", "d"))
+    assert not one.is_determined
+    assert one.U > 50.0  # mm
+    row = next(line for line in str(change).splitlines() if line.startswith("J5 d "))
+    assert "not determined  no" in row
+    assert next(one for one in change.constants if (one.place, one.name) == ("J3", "a")).is_determined
+
+
 def test_a_tip_that_moves_without_one_constant_is_said(models):
     again = ta.compare(models["old"], models["again"])
     moved = replace(again.change, displacement=replace(again.change.displacement, limit_mm=1e-6))

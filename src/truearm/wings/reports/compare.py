@@ -197,7 +197,9 @@ class ModelChange(TableRecord):
         more = len(self.constants) - len(shown)
         yield (
             f"U is the uncertainty of the change; with this k, {100 * FALSE_ALARM:g} % of unchanged arms or fewer have "
-            "any change." + (f" {number_of(more, 'more constant')}: --json or to_dict()." if more else "")
+            "any change. Not determined: by the readings of one model or both."
+            + (f" {number_of(more, 'more constant')}: --json or to_dict()." if more else "")
+            + (f" {number_of(more, 'more constant')}: --json or to_dict()." if more else "")
         )
 
     def _base_and_tip(self) -> Iterator[str]:
@@ -243,5 +245,6 @@ def _row(one: ConstantChange) -> tuple[str, ...]:
     factor, unit, decimals = (degrees(1.0), "deg", 4) if one.unit == "rad" else (1.0, "mm", 3)
     old, new = (format_fixed(factor * value, decimals) for value in (one.old, one.new))
     change = format_fixed(factor * one.change, decimals, sign=True)
-    U, tip = format_fixed(factor * one.U, decimals), format_fixed(one.tip_mm, 3)
+    U = format_fixed(factor * one.U, decimals) if one.is_determined or one.is_changed else "not determined"
+    tip = format_fixed(one.tip_mm, 3)
     return (f"{one.place} {one.name}", unit, old, new, change, U, "yes" if one.is_changed else "no", tip)

@@ -21,7 +21,13 @@ from truearm.models.compensator import FREE_PARTS
 from truearm.readings import Session
 from truearm.solve.distributions import chi2_quantile
 from truearm.typing import FloatArray
-from truearm.wings.exports.formats.constants_table import NOMINAL, ConstantsTable, Unit, constants_table
+from truearm.wings.exports.formats.constants_table import (
+    NOMINAL,
+    NOT_IDENTIFIABLE,
+    ConstantsTable,
+    Unit,
+    constants_table,
+)
 from truearm.wings.exports.formats.rigid_arm import best_rigid_arm
 
 # Probability that any constant of an unchanged arm counts as changed, and that its tips do.
@@ -50,6 +56,8 @@ class ConstantChange:
         Standard uncertainties that a change must exceed to count.
     tip_mm : float
         Mean displacement of the tip by this change alone, base and tip aligned [mm].
+    is_determined : bool
+        Whether the readings of both models determine it.
     """
 
     place: str
@@ -63,6 +71,7 @@ class ConstantChange:
     u_new: float
     coverage_factor: float
     tip_mm: float
+    is_determined: bool
 
     @property
     def U(self) -> float:
@@ -253,7 +262,8 @@ def _constant_changes(
         chain = _with_change(before, was.place, was.name, change)
         moved = _aligned((chain.tip_in_base(poses) - tips)[None], alignment)[0]
         tip_mm = float(np.linalg.norm(moved, axis=1).mean())
-        values = (was.nominal, was.identified, now.identified, change, was.std, now.std, k, tip_mm)
+        is_determined = NOT_IDENTIFIABLE not in (was.status, now.status)
+        values = (was.nominal, was.identified, now.identified, change, was.std, now.std, k, tip_mm, is_determined)
         found.append(ConstantChange(was.place, was.name, was.unit, *values))
     return tuple(found)
 

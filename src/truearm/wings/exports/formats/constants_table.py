@@ -52,6 +52,9 @@ SUM_ALONG_AXES, SUM_ABOUT_LINE = "only as a sum along parallel axes", "only as a
 STEP_RAD, STEP_MM = 1e-7, 1e-4
 # Where no prior moves a constant by more, in rad or mm, the evidence has pruned what it depends on.
 _PRUNED = 1e-12
+# Where the tip is on an axis no readings tell the constants that place it: they are less certain by so many times than
+# any constant of their unit was before the readings. Other ones have up to 2.5, these 18 and more.
+_LESS_CERTAIN = 5.0
 # A constant that neither changed nor is uncertain by as much is held: nothing in the model moves it, and what is left
 # is the rounding of the refit [mm, rad]. No readings tell 10 nm, or that at a distance of 1 m.
 _HELD = {"mm": 1e-5, "rad": 1e-8}
@@ -157,6 +160,10 @@ def constants_table(
         moved = table_of(fit.perturbed_chain.with_constants(fit.coefficients + shifted))
         by_coefficient[:, k] = _changes(identified, moved, entries) / step
     std, remains = _uncertainties(model, rigid, by_coefficient)
+    identified_arm, groups = to_identified(model), {term.group for term in fit.perturbed_chain.terms} - {*FREE_PARTS}
+    before = fit if identified_arm is None else identified_arm.fit_
+    most = {unit: _LESS_CERTAIN * _largest_prior(before, unit, groups) for unit in ("rad", "mm")}
+    remains = np.where(std > [most[one.unit] for one in entries], 1.0, remains)
     was, now = _values(drawing, entries), _values(identified, entries)
     constants = tuple(
         ArmConstant(
@@ -219,6 +226,17 @@ def _with_flange(table: DHTable, flange: FloatArray) -> DHTable:
     """The table with another flange and the same tips: readings of points do not tell how a flange is turned."""
     tip = table.flange[:3, :3] @ table.tip_in_flange + table.flange[:3, 3] - flange[:3, 3]
     return replace(table, flange=flange, tip_in_flange=flange[:3, :3].T @ tip)
+
+
+def _largest_prior(fit: IdentificationResult, unit: Unit, groups: set[str]) -> float:
+    """The largest prior standard deviation of a constant of some groups [`unit`]; infinite where there is none."""
+    chain = fit.perturbed_chain
+    columns = [
+        own
+        for term, own in zip(chain.terms, chain.columns, strict=True)
+        if term.group in groups and (unit == "rad") == any(term.direction[:3])
+    ]
+    return max((float(fit.prior_std[own].max()) for own in columns), default=0.0) or np.inf
 
 
 def _steps(rigid: RigidArm) -> list[float]:
