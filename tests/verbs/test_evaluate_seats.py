@@ -1,11 +1,13 @@
 """Evaluation without a reference instrument: seats, known lengths, and sessions of both kinds."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+import truearm as ta
 from truearm.arm import load_arm
 from truearm.models import KinematicModel, NominalModel
 from truearm.readings import Session, seat_errors, write_session
@@ -217,3 +219,14 @@ def test_an_uncertainty_that_may_be_in_micrometres_is_named(truearm, folder, ses
         "evaluate", folder / "nominal.truearm", session(angles[4:], seat=SEATS[4:]), "--lengths", tmp_path / "um.csv"
     ).done()
     assert "The standard uncertainty of the length in line 2, 5 mm, is 5.0% of it" in ran.out
+
+
+def test_seats_that_are_missed_by_decimetres_have_the_likely_mistake(folder):
+    """Of another arm, or with J3 turned round: without a serial number nothing else would say so."""
+    held = ta.simulate("gao2017", strategy="seat", reference=False, poses=40, seed=3).session
+    said = " ".join(ta.evaluate(folder / "kinematic.truearm", replace(held, serial_number=None)).remarks)
+    assert "misses these seats" not in said
+    turned = replace(held, angles=held.angles * [1, 1, -1, 1, 1, 1], serial_number=None)
+    said = " ".join(ta.evaluate(folder / "kinematic.truearm", turned).remarks)
+    assert "The nominal arm misses these seats by " in said
+    assert "sign of J3 reversed" in said

@@ -29,8 +29,18 @@ from truearm.models.identified_model import to_identified
 from truearm.models.model_archive import MODEL_BEGINS, begins_as_model, model_bytes
 from truearm.models.model_file import load_model
 from truearm.models.training_conditions import TrainingConditions
-from truearm.readings import Lengths, Session, check_reach, has_reference, point_errors, read_lengths, read_session
-from truearm.readings.anchors import LEAST_COMPARED, LEAST_READINGS, has_located_anchor
+from truearm.readings import (
+    Lengths,
+    Session,
+    check_reach,
+    has_reference,
+    has_repeated_seat,
+    point_errors,
+    read_lengths,
+    read_session,
+    seat_errors,
+)
+from truearm.readings.anchors import LEAST_COMPARED, LEAST_READINGS, distance_errors, has_located_anchor
 from truearm.readings.checks import MAX_SKIPPED_SHARE, check_session_fits, skip_not_of_arm
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.repeats import MergedReadings, merge_repeats
@@ -631,15 +641,26 @@ def fit_findings(model: Compensator) -> tuple[Finding, ...]:
     return (*of_fit, Finding("base", said))
 
 
-def nominal_error_findings(model: Compensator, error_mm: float) -> tuple[Finding, ...]:
-    """A finding where the nominal arm misses points by so much that they are of another set-up, arm or unit."""
+def nominal_error_findings(model: Compensator, error_mm: float, of: str = "points") -> tuple[Finding, ...]:
+    """A finding where the nominal arm misses references by so much that they are of another set-up, arm or unit."""
     if error_mm <= MAX_NOMINAL_ERROR * model.arm.chain.reach:
         return ()
-    said = (
-        f"The nominal arm misses these points by {error_mm:.0f} mm. If reference or base moved, transfer "
-        "the model to the new set-up (refit); otherwise check the session for another arm, unit, sign or zero."
-    )
+    moved = "If reference or base moved, transfer the model to the new set-up (refit); otherwise check the session"
+    if of != "points":
+        moved = "Check that the readings of one name are of one place, and the session"
+    said = f"The nominal arm misses these {of} by {error_mm:.0f} mm. {moved} for another arm, unit, sign or zero."
     return (Finding("nominal error", said, {"error_mm": error_mm}),)
+
+
+def _missed_by(nominal: FloatArray, session: Session) -> tuple[float, str] | None:
+    """Mean error of nominal points (n, 3) [mm], and of what; None without a reference."""
+    if session.points is not None:
+        return point_errors(nominal, session.points)["mean_mm"], "points"
+    if session.seat is not None and has_repeated_seat(session):
+        return seat_errors(nominal, session.seat)["seat_mean_mm"], "seats"
+    if has_located_anchor(session, LEAST_COMPARED):
+        return distance_errors(nominal, session)["distance_mean_mm"], "distances"
+    return None
 
 
 def evaluation_findings(at: CheckedReadings, nominal: FloatArray | None) -> Iterator[Finding]:
@@ -653,8 +674,8 @@ def evaluation_findings(at: CheckedReadings, nominal: FloatArray | None) -> Iter
     """
     model, session, _ = at
     training, slides = model.training_, model.arm_.chain.is_prismatic
-    if session.points is not None and nominal is not None:
-        found = nominal_error_findings(model, point_errors(nominal, session.points)["mean_mm"])
+    if nominal is not None and (missed := _missed_by(nominal, session)) is not None:
+        found = nominal_error_findings(model, *missed)
         yield from found
         if found and (explained := explain_readings(model.arm_, session)) is not None:
             yield Finding("nominal error", f"{explained[0].upper()}{explained[1:]}.")
