@@ -149,6 +149,7 @@ def test_where_none_is_corrected_nothing_is_written(truearm, folder, tmp_path):
     none = run_correct(truearm, folder, "only-beyond.csv", tmp_path / "c.csv")
     assert none.code == 3
     assert none.out.startswith("None of 1 targets corrected: there is nothing to write.")
+    assert "send these joints" not in none.out
     assert "written to" not in none.out
     assert not list(tmp_path.iterdir())
     as_json = run_correct(truearm, folder, "only-beyond.csv", tmp_path / "c.csv", "--json")

@@ -386,10 +386,12 @@ class CorrectedTargets(TableRecord):
     def blocks(self) -> Iterator[str]:
         """See `Record.blocks`."""
         yield self.summary()
-        yield f"direction {MEANING[self.direction]}"
         refusals = [f"{self.targets.label(row)}: {reason}" for row, reason in enumerate(self.reasons) if reason]
+        is_broken_path = bool(refusals) and self.targets.joint_file is not None
+        if not self.refused.all() and not is_broken_path:
+            yield f"direction {MEANING[self.direction]}"
         yield from listed("refused", refusals, "refused targets")
-        if refusals and self.targets.joint_file is not None:
+        if is_broken_path:
             yield (
                 "Nothing is written: a path with corrected and uncorrected targets would have steps. Change or delete "
                 "the refused targets."
