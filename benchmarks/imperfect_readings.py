@@ -18,7 +18,7 @@ from truearm.acceptance import accepting
 from truearm.arm import Arm, load_arm
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.identification.judgement.axis_scale import AxisScale
+from truearm.identification.judgement.length_scale import AxisScale
 from truearm.identification.judgement.outliers import outliers
 from truearm.models import KinematicModel, NominalModel, PhysicalModel
 from truearm.models.compensator import Compensator

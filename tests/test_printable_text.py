@@ -17,8 +17,7 @@ from truearm.arm.urdf import write_urdf
 from truearm.files.delimited import write_columns
 from truearm.pages.html import render
 from truearm.pages.page import Column, Page, Section, Table
-from truearm.pages.paper import Paper
-from truearm.pages.pdf import pdf_bytes
+from truearm.pages.pdf import Paper, pdf_bytes
 from truearm.printable_text import printable, printable_name
 from truearm.verbs.console import print_line
 from truearm.wings.bench.recording.recording import Recording

@@ -13,10 +13,9 @@ from PIL import Image
 from refusals import refuses
 from truearm.errors import InputError, MissingTool
 from truearm.number_format import RoundedNumber
-from truearm.pages import paper as paper_module
+from truearm.pages import pdf
 from truearm.pages.page import Column, LabelledValue, Page, PageVerdict, Section, Table
-from truearm.pages.paper import Attachment, Paper, read_logo
-from truearm.pages.pdf import pdf_bytes, write_pdf
+from truearm.pages.pdf import Attachment, Paper, pdf_bytes, read_logo, write_pdf
 from truearm.pages.plotting import Figure
 
 pytest.importorskip("typst", reason="pip install truearm[pdf] writes PDF files")
@@ -259,9 +258,9 @@ def test_other_logos_are_refused(tmp_path, content, said):
 
 def test_large_logos_are_refused_before_they_are_unpacked(tmp_path, monkeypatch):
     (tmp_path / "logo.png").write_bytes(png())
-    monkeypatch.setattr(paper_module, "MAX_LOGO_PIXELS", 19)
+    monkeypatch.setattr(pdf, "MAX_LOGO_PIXELS", 19)
     refuses("20 x 10 pixels, more than 19", read_logo, tmp_path / "logo.png")
-    monkeypatch.setattr(paper_module, "MAX_LOGO_BYTES", 10)
+    monkeypatch.setattr(pdf, "MAX_LOGO_BYTES", 10)
     refuses("larger than", read_logo, tmp_path / "logo.png")
 
 

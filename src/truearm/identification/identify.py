@@ -36,7 +36,6 @@ from truearm.identification.estimation.residual_variance import (
     fit_variance_function,
 )
 from truearm.identification.estimation.tip_offsets import what_tips_show
-from truearm.identification.judgement.axis_scale import axis_scale, refuse_axis
 from truearm.identification.judgement.cross_validation import (
     IN_LENGTH,
     birge_ratio,
@@ -59,9 +58,16 @@ from truearm.identification.judgement.gross_errors import (
     tail_freedom,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
-from truearm.identification.judgement.joint_gains import common_gain, gains_asked, identified_gains, refuse_common_gain
-from truearm.identification.judgement.joint_signs import signs_not_shown, unshown_signs, with_unshown_signs
-from truearm.identification.judgement.length_scale import LengthScale, reference_scale_variance
+from truearm.identification.judgement.joint_signs import (
+    common_gain,
+    gains_asked,
+    identified_gains,
+    refuse_common_gain,
+    signs_not_shown,
+    unshown_signs,
+    with_unshown_signs,
+)
+from truearm.identification.judgement.length_scale import LengthScale, axis_scale, reference_scale_variance, refuse_axis
 from truearm.identification.judgement.missing_terms import (
     added_covariance,
     day_to_day_terms,

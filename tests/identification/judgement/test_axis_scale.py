@@ -9,7 +9,7 @@ import truearm as ta
 from refusals import refuses
 from truearm.arm import Arm
 from truearm.arm.denavit_hartenberg import chain_from_dh
-from truearm.identification.judgement.axis_scale import NOISE_MM, SHARE_STD, AxisScale, likeliest_axis
+from truearm.identification.judgement.length_scale import NOISE_MM, SHARE_STD, AxisScale, likeliest_axis
 
 
 @pytest.fixture(scope="module")

@@ -37,9 +37,8 @@ from truearm.wings.laboratory.standards.decision import (
 )
 from truearm.wings.laboratory.standards.measured_points import MeasuredPoints, PointGroup
 from truearm.wings.laboratory.standards.specification import Specification
-from truearm.wings.laboratory.standards.verification import Verification
+from truearm.wings.laboratory.standards.verification import Verification, describe_decision, describe_rule
 from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD, load_verification_plan
-from truearm.wings.laboratory.standards.verification_text import describe_decision, describe_rule
 
 DAY = datetime.date(2026, 11, 3)
 RECALLED = load_verification_plan("iso10360-12")

@@ -333,7 +333,7 @@ def hysteresis(chain: Chain, joint: int) -> list[Term]:
 def gains(state: ArmState) -> list[Term]:
     """Turning joints whose angle is wrong in proportion, about the middle of what the readings have of it.
 
-    They are offered where readings ask for them: see `truearm.identification.judgement.joint_gains`.
+    They are offered where readings ask for them: see `truearm.identification.judgement.joint_signs`.
     """
     middles = np.round(state.joint_angles.mean(axis=0), 3).tolist()
     return [

@@ -19,9 +19,8 @@ from truearm.wings.laboratory.standards.artefacts import Artefact
 from truearm.wings.laboratory.standards.coordinate_origin import NO_ARM
 from truearm.wings.laboratory.standards.copied_points import find_copy
 from truearm.wings.laboratory.standards.decision import COVERAGE_PROBABILITY, Budget, ConformityResult, Verdict
-from truearm.wings.laboratory.standards.verification import MOST_DAYS, Verification
+from truearm.wings.laboratory.standards.verification import MOST_DAYS, RULE_STANDARDS, Verification, describe_rule
 from truearm.wings.laboratory.standards.verification_plan import PLANS, is_confirmed, load_verification_plan
-from truearm.wings.laboratory.standards.verification_text import RULE_STANDARDS, describe_rule
 
 SOFTWARE = "truearm"
 DEGREES_OF_FREEDOM = "degrees of freedom"

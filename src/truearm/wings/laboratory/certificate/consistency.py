@@ -36,7 +36,7 @@ from truearm.wings.laboratory.certificate.statements import ESTABLISHED
 from truearm.wings.laboratory.certificate.word_consistency import word_contradictions
 from truearm.wings.laboratory.standards.asme_b89_4_22 import DEVIATION_STATISTICS
 from truearm.wings.laboratory.standards.decision import COVERAGE_PROBABILITY, DecisionRule, Verdict, decide
-from truearm.wings.laboratory.standards.verification_text import RULE_STANDARDS
+from truearm.wings.laboratory.standards.verification import RULE_STANDARDS
 
 _REMEDY = "do not use this certificate; ask the laboratory that issued it"
 # What a decision calls its verdict, and traceability that is not shown, in the words of any version.

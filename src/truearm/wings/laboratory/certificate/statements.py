@@ -10,9 +10,9 @@ from truearm.number_format import capitalize
 from truearm.wings.laboratory.certificate.administrative_data import AdministrativeData, xml_text
 from truearm.wings.laboratory.standards.artefacts import Artefact
 from truearm.wings.laboratory.standards.decision import Verdict
-from truearm.wings.laboratory.standards.verification import Verification
-from truearm.wings.laboratory.standards.verification_text import (
+from truearm.wings.laboratory.standards.verification import (
     LEVEL_TEXT,
+    Verification,
     describe_decision,
     describe_rule,
     verdict_sentence,

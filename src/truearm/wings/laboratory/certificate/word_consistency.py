@@ -26,8 +26,8 @@ from truearm.wings.laboratory.certificate.certificate import (
 from truearm.wings.laboratory.certificate.statements import ESTABLISHED, traceability_gap
 from truearm.wings.laboratory.standards.decision import Verdict
 from truearm.wings.laboratory.standards.measured_points import LEAST_HUMIDITY_PERCENT
+from truearm.wings.laboratory.standards.verification import RULE_STANDARDS
 from truearm.wings.laboratory.standards.verification_plan import PLANS, TESTS, load_verification_plan
-from truearm.wings.laboratory.standards.verification_text import RULE_STANDARDS
 
 # A temperature is stated to two decimals, and to four digits in words [K].
 _ROUNDING_K = 0.06

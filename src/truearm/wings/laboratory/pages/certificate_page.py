@@ -7,7 +7,7 @@ from decimal import Decimal
 
 from truearm.number_format import RoundedNumber, capitalize, format_number
 from truearm.pages.page import Cell, Column, LabelledValue, Page, PageVerdict, Section, State, Table
-from truearm.pages.paper import Attachment, Logo, Paper
+from truearm.pages.pdf import Attachment, Logo, Paper
 from truearm.wings.laboratory.certificate.administrative_data import NOTES, AdministrativeData, Person, Site
 from truearm.wings.laboratory.certificate.certificate import (
     LISTED_ENTRIES,
@@ -19,9 +19,13 @@ from truearm.wings.laboratory.certificate.certificate import (
 from truearm.wings.laboratory.certificate.statements import NOT_FOR_CONFORMITY
 from truearm.wings.laboratory.pages.limits_figure import limits_figure
 from truearm.wings.laboratory.pages.verification_page import sources_section
-from truearm.wings.laboratory.standards.verification import Verification
+from truearm.wings.laboratory.standards.verification import (
+    Verification,
+    limit_uncertainty,
+    verdict_sentence,
+    worst_values,
+)
 from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD
-from truearm.wings.laboratory.standards.verification_text import limit_uncertainty, verdict_sentence, worst_values
 
 Entries = Sequence[tuple[str, str | None]]
 

@@ -24,17 +24,17 @@ from truearm.wings.laboratory.pages.limits_figure import limits_figure
 from truearm.wings.laboratory.standards.decision import Budget, ConformityResult, Verdict
 from truearm.wings.laboratory.standards.measured_points import PointGroup
 from truearm.wings.laboratory.standards.specification import SYMBOLS
-from truearm.wings.laboratory.standards.verification import Verification
-from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD, VerificationPlan, is_confirmed
-from truearm.wings.laboratory.standards.verification_text import (
+from truearm.wings.laboratory.standards.verification import (
     LEVEL_TEXT,
     UNROUNDED_TEXT,
+    Verification,
     describe_decision,
     describe_rule,
     limit_uncertainty,
     verdict_sentence,
     worst_values,
 )
+from truearm.wings.laboratory.standards.verification_plan import CHECK_STANDARD, VerificationPlan, is_confirmed
 
 SOURCES = "Where each number stands"
 _SHA256 = r", SHA-256 [0-9a-f]{64}"  # of the model, which is a row of data and settings

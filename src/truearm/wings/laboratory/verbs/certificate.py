@@ -134,8 +134,7 @@ class CertificateResult(PageRecord):
         logo : path, optional
             Logo of the laboratory, ``.png`` or ``.svg``.
         """
-        from truearm.pages.paper import read_logo
-        from truearm.pages.pdf import pdf_bytes
+        from truearm.pages.pdf import pdf_bytes, read_logo
         from truearm.wings.laboratory.pages.certificate_page import certificate_paper
 
         xml = checked_dcc(self.certificate) if xml is None else xml

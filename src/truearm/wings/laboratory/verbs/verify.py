@@ -22,19 +22,19 @@ from truearm.wings.laboratory.standards.decision import (
 )
 from truearm.wings.laboratory.standards.measured_points import MeasuredPoints, read_points
 from truearm.wings.laboratory.standards.specification import Specification, read_specification
-from truearm.wings.laboratory.standards.verification import Verification
+from truearm.wings.laboratory.standards.verification import (
+    Verification,
+    describe_rule,
+    describe_sources,
+    describe_unmet,
+    verdict_sentence,
+)
 from truearm.wings.laboratory.standards.verification import verify as verify_points
 from truearm.wings.laboratory.standards.verification_plan import (
     PLANS,
     VerificationPlan,
     is_confirmed,
     load_verification_plan,
-)
-from truearm.wings.laboratory.standards.verification_text import (
-    describe_rule,
-    describe_sources,
-    describe_unmet,
-    verdict_sentence,
 )
 
 if TYPE_CHECKING:
