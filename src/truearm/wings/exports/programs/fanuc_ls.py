@@ -174,14 +174,9 @@ class FanucListing(Language):
                 left.append(LeftAlone(line, point.name, made, is_literal=reason is None and made != _UNTAUGHT))
             else:
                 targets[number] = made
-        order = {number: k for k, number in enumerate(targets)}
-        return Program(
-            data,
-            tuple(targets.values()),
-            tuple(sorted(left)),
-            tuple(Move(line, _KINDS.get(kind, "circular"), order.get(n)) for line, kind, n in uses.motions),
-            (*uses.notes(set(targets)), *([_ROUNDED] if targets else ())),
-        )
+        moves = ((Move(line, _KINDS.get(kind, "circular"), None), n) for line, kind, n in uses.motions)
+        notes = (*uses.notes(set(targets)), *([_ROUNDED] if targets else ()))
+        return Program.of(data, targets, sorted(left), moves, notes)
 
     def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
         """See `Language`."""

@@ -13,7 +13,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import takewhile
 from math import inf, isinf
 from pathlib import Path
@@ -558,7 +558,7 @@ class _File(NamedTargets):
 
     def _target(self, word: bytes | None, name: str, line: int, value: _Value, frames: _Frames) -> Target | str:
         numbers, stated = value.numbers, {frames} if word is None else set(self.uses[word])
-
+        made = partial(Target, name, line, span=value.span, external=value.external)
         part = self.parts.get(word or b"") or self.parts.get((word or b"").partition(b"[")[0])
         if part is not None:
             return f"its {part[0]} is overwritten in line {part[1]}"
@@ -574,15 +574,7 @@ class _File(NamedTargets):
                 return "some of A1 to A6 are missing: those keep the last value"
             joints = np.radians([numbers[axis].value for axis in _JOINTS])
             frame = self._frame(b"TOOL", tool)[0]
-            return Target(
-                name,
-                line,
-                _only(numbers, _JOINTS),
-                joints=joints,
-                T_flange_tool=frame,
-                span=value.span,
-                external=value.external,
-            )
+            return made(_only(numbers, _JOINTS), joints=joints, T_flange_tool=frame)
         if not set(_POSE) <= set(numbers):
             return "some of X, Y, Z, A, B, C are missing: those keep the last value"
         conditions: tuple[Condition, ...] = ()
@@ -604,17 +596,9 @@ class _File(NamedTargets):
         lacks = next((why for frame, why in frames_found if frame is None), None)
         if lacks is not None:
             return lacks
-        return Target(
-            name,
-            line,
-            _only(numbers, (*_POSE, "S", "T")),
-            pose=_frame(numbers),
-            T_flange_tool=frames_found[0][0],
-            T_base_work=frames_found[1][0],
-            conditions=conditions,
-            span=value.span,
-            external=value.external,
-        )
+        pose, (T_tool, T_work) = _frame(numbers), (frame for frame, _ in frames_found)
+        kept = _only(numbers, (*_POSE, "S", "T"))
+        return made(kept, pose=pose, T_flange_tool=T_tool, T_base_work=T_work, conditions=conditions)
 
     def _frame(self, which: bytes, number: bytes | None) -> tuple[FloatArray | None, str]:
         """A tool in the flange, or a base in the base of the arm; or what is to be stated."""

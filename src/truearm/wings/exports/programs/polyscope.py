@@ -156,7 +156,7 @@ class PolyScope(Language):
         reader = _Reader(data, beside)
         targets: dict[int, Target] = {}
         left: list[LeftAlone] = []
-        moves: list[tuple[int, MoveKind, int]] = []
+        moves: list[tuple[Move, int]] = []
         moved = 0
         all_made = {
             node: reader.target(node) for node in dict.fromkeys(one.resolved() or one for one in reader.waypoints)
@@ -170,23 +170,15 @@ class PolyScope(Language):
             if isinstance(made, str):
                 literal = node.text("type") == "Fixed" and not made.startswith("it is suppressed")
                 left.append(LeftAlone(line, node.text("name") or "waypoint", made, is_literal=literal))
-                moves.append((line, _kind(node), -1))
+                moves.append((Move(line, _kind(node), None), -1))
                 continue
             at = next(iter(made.numbers.values())).start
             targets.setdefault(at, made)
-            moves.append((line, _kind(node), at))
+            moves.append((Move(line, _kind(node), None), at))
             feature = node.child("BaseToFeature")
             moved += bool(feature and any(one.value for one in feature.numbers("pose") or ()))
-        order = {at: k for k, at in enumerate(targets)}
         notes = [f"{moved} waypoints move with a feature if that is taught again"] if moved else []
-        return Program(
-            data,
-            tuple(targets.values()),
-            tuple(left),
-            tuple(Move(line, kind, order.get(at)) for line, kind, at in moves),
-            tuple(notes),
-            reader.chain,
-        )
+        return Program.of(data, targets, left, moves, notes, reader.chain)
 
     def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
         """See `Language`."""

@@ -13,7 +13,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from truearm.arm import Chain
 from truearm.errors import InputError
@@ -194,6 +194,21 @@ class Program:
     moves: tuple[Move, ...] = ()
     notes: tuple[str, ...] = ()
     controller: Chain | None = None
+
+    @classmethod
+    def of(
+        cls,
+        data: bytes,
+        targets: Mapping[Any, Target],
+        left: Iterable[LeftAlone],
+        moves: Iterable[tuple[Move, object]],
+        notes: Iterable[str],
+        controller: Chain | None = None,
+    ) -> Program:
+        """A program from its targets by any key, and its moves, each with the key of its target or another one."""
+        order = {key: k for k, key in enumerate(targets)}
+        placed = tuple(move._replace(target=order.get(key)) for move, key in moves)
+        return cls(data, tuple(targets.values()), tuple(left), placed, tuple(notes), controller)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise, takewhile
 from math import floor, hypot, inf
 from typing import NamedTuple, TypeAlias
@@ -591,7 +591,7 @@ class _Module(NamedTargets):
     def _target(self, found: _Found) -> Target | str:
         kind, name, line, numbers, used, span, external = found
         values = {part: number.value for part, number in numbers.items()}
-
+        made = partial(Target, name, line, numbers, span=span, external=external)
         if max(map(abs, values.values())) > NOT_THERE:
             return "a placeholder (9E9)"
         part = self.parts.get(name.lower()) or self.parts.get(name.lower().partition("{")[0])
@@ -603,7 +603,7 @@ class _Module(NamedTargets):
             tools = {tool for tool, _ in used}
             tool = self._resolved(self._tool, tools.pop())[0] if len(tools) == 1 else None
             joints = np.radians([values[f"j{i}"] for i in range(1, 7)])
-            return Target(name, line, numbers, joints=joints, T_flange_tool=tool, span=span, external=external)
+            return made(joints=joints, T_flange_tool=tool)
         q = [values[f"q{i}"] for i in range(1, 5)]
         if not any(q):
             return "a placeholder: its quaternion is zero"
@@ -625,17 +625,7 @@ class _Module(NamedTargets):
         if conditions is None:
             return "its configuration is none of a six-axis arm"
         pose = motion(rotation_of_quaternion(q), [values[axis] for axis in "xyz"])
-        return Target(
-            name,
-            line,
-            numbers,
-            pose=pose,
-            T_flange_tool=tool_frame,
-            T_base_work=work_frame,
-            conditions=conditions,
-            span=span,
-            external=external,
-        )
+        return made(pose=pose, T_flange_tool=tool_frame, T_base_work=work_frame, conditions=conditions)
 
     def _spelled(self, name: bytes) -> str:
         """A name as the module has it first."""

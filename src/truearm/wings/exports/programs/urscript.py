@@ -420,16 +420,9 @@ class URScript(Language):
         stated = StatedKinematics.of(beside)
         found = dict(reader.targets(beside, stated))
         targets = {start: one for start, one in found.items() if isinstance(one, Target)}
-        order = {start: k for k, start in enumerate(targets)}
         left = [*reader.left, *(one for one in found.values() if isinstance(one, LeftAlone))]
-        return Program(
-            data,
-            tuple(targets.values()),
-            tuple(sorted(left)),
-            tuple(move._replace(target=order.get(start)) for move, start in reader.moves),
-            (*reader.notes(), *filter(None, [stated.note if stated.is_stated else ""])),
-            stated.controller,
-        )
+        notes = (*reader.notes(), *filter(None, [stated.note if stated.is_stated else ""]))
+        return Program.of(data, targets, sorted(left), reader.moves, notes, stated.controller)
 
     def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
         """See `Language`."""

@@ -194,7 +194,6 @@ class _Reader:
         for line, _, key in self.moves:
             if key and key not in self.points:
                 self.left.append(LeftAlone(line, key.replace(" ", ""), "its position is not in the job"))
-        order = {key: k for k, key in enumerate(targets)}
         notes = []
         if self.other_axes:
             notes.append(f"{self.other_axes} positions of other axes are not changed")
@@ -202,8 +201,8 @@ class _Reader:
             notes.append("pulses stay whole, each those of one axis: coupled wrist axes are not converted")
         if any(not key.startswith("C ") for key in targets):
             notes.append("variables P are common to all jobs: another job may rewrite them")
-        moves = tuple(Move(line, kind, order.get(key)) for line, kind, key in self.moves)
-        return Program(self.data, tuple(targets.values()), tuple(sorted(self.left)), moves, tuple(notes))
+        moves = ((Move(line, kind, None), key) for line, kind, key in self.moves)
+        return Program.of(self.data, targets, sorted(self.left), moves, notes)
 
 
 class YaskawaJob(Language):
