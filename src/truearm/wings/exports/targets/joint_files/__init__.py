@@ -8,12 +8,9 @@ from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.files.file_reading import check_readable, read_limited
 from truearm.wings.exports.targets import TargetDirection
-from truearm.wings.exports.targets.joint_files.gcode import SUFFIXES as GCODE
-from truearm.wings.exports.targets.joint_files.gcode import read_gcode
 from truearm.wings.exports.targets.joint_files.joint_file import JointFile, is_marked
 from truearm.wings.exports.targets.joint_files.tables import read_csv, read_parquet
-from truearm.wings.exports.targets.joint_files.trajectories import SUFFIXES as TRAJECTORIES
-from truearm.wings.exports.targets.joint_files.trajectories import read_trajectory
+from truearm.wings.exports.targets.joint_files.text_files import GCODE, TRAJECTORIES, read_gcode, read_trajectory
 from truearm.wings.exports.targets.lerobot_motors import check_no_data_set
 
 MAX_BYTES = 64 * 2**20
