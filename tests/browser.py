@@ -50,8 +50,7 @@ class Tab:
         if scripts not in chromium.pages:
             chromium.pages[scripts] = chromium.new_context(java_script_enabled=scripts).new_page()
         self.page = chromium.pages[scripts]
-        self.page.set_viewport_size({"width": width, "height": 900})
-        self.page.emulate_media(media="null", color_scheme=scheme)
+        self.look(width, scheme)
         self.page.mouse.move(0, 0)
         self.listeners = {
             "console": lambda message: self.complaints.append(message.text),
@@ -61,6 +60,11 @@ class Tab:
         for event, listener in self.listeners.items():
             self.page.on(event, listener)
         self.page.goto(path.as_uri())
+
+    def look(self, width, scheme):
+        """Show the page this wide [px], light or dark."""
+        self.page.set_viewport_size({"width": width, "height": 900})
+        self.page.emulate_media(media="null", color_scheme=scheme)
 
     def _asked(self, url):
         if not url.startswith(("file:", "data:")):
@@ -129,18 +133,24 @@ _BEYOND_THE_EDGE = """() => [...document.querySelectorAll("h1, h2, p, strong, su
   .map((one) => one.textContent.slice(0, 60))"""
 
 
-def check_page(chromium, path, *, width, scheme):
-    """Hold a page to what all pages promise; folded parts too.
+# Width [px] and colours of a telephone and of a screen; between them is weekly.
+LOOKS = [[(420, "dark"), (1400, "light")], pytest.param([(900, "dark")], marks=pytest.mark.weekly)]
+
+
+def check_page(chromium, path, looks):
+    """Hold a page to what all pages promise in each of these looks; folded parts too.
 
     It asks no network and complains of nothing, fits its width, has no serious fault for keyboard and screen reader,
     and says what is known of a point. Without scripts the still figure of its view is there.
     """
     assert path.stat().st_size <= MOST_BYTES
-    with Tab(chromium, path, width=width, scheme=scheme) as tab:
+    with Tab(chromium, path, width=looks[0][0], scheme=looks[0][1]) as tab:
         tab.page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-        assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
-        assert tab.page.evaluate(_BEYOND_THE_EDGE) == []
-        assert tab.faults() == []
+        for width, scheme in looks:
+            tab.look(width, scheme)
+            assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
+            assert tab.page.evaluate(_BEYOND_THE_EDGE) == []
+            assert tab.faults() == []
         if views := tab.page.locator(".space").count():
             tab.picture()
             tab.page.locator(".space").first.press("n")
@@ -149,7 +159,7 @@ def check_page(chromium, path, *, width, scheme):
                 assert name
                 assert any(sign.isdigit() for sign in value)
         assert tab.complaints == []
-    with Tab(chromium, path, width=width, scheme=scheme, scripts=False) as tab:
+    with Tab(chromium, path, scripts=False) as tab:
         assert tab.page.locator("canvas").count() == 0
         assert tab.page.locator(".still").count() == views
         assert tab.complaints == []

@@ -126,12 +126,12 @@ def test_a_point_with_two_ends_is_found_along_its_line_and_a_mark_is_written(chr
             tab.page.get_by_role("button", name="top").click()
             pictures.append(tab.picture())
             place, found = tab.page.locator(".space").bounding_box(), []
-            for x in (0.3, 0.4, 0.6, 0.7):  # of the width, beside the middle of the bar
-                for y in range(0, int(place["height"]), 8):
+            for x in (0.3, 0.7):  # of the width, beside the middle of the bar
+                for y in range(0, int(place["height"]), 12):
                     tab.page.mouse.move(place["x"] + x * place["width"], place["y"] + y)
                     if tab.page.locator(".readout").is_visible():
                         found.append(tab.page.locator(".readout").inner_text().splitlines()[0])
-            assert (found.count("bar") >= 4) == bool(more)
+            assert (found.count("bar") >= 2) == bool(more)
             assert tab.complaints == []
     assert pictures[0] != pictures[1]
 

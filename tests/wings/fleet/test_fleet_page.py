@@ -2,7 +2,7 @@
 
 import pytest
 
-from browser import Tab, check_page
+from browser import LOOKS, Tab, check_page
 from truearm.pages.html import render, write_page
 from truearm.wings.fleet.fleet_page import ArmState, fleet_page
 
@@ -34,11 +34,9 @@ def path(tmp_path_factory):
     return found
 
 
-@pytest.mark.parametrize(
-    ("width", "scheme"), [(420, "dark"), (1400, "light"), pytest.param(900, "dark", marks=pytest.mark.weekly)]
-)
-def test_it_keeps_what_all_pages_promise(chromium, path, width, scheme):
-    check_page(chromium, path, width=width, scheme=scheme)
+@pytest.mark.parametrize("looks", LOOKS)
+def test_it_keeps_what_all_pages_promise(chromium, path, looks):
+    check_page(chromium, path, looks)
 
 
 def test_rows_with_the_words_are_shown_the_first_of_them(chromium, path):

@@ -3,7 +3,7 @@
 import pytest
 from made_up_reproduction import made_up_results
 
-from browser import check_page
+from browser import LOOKS, check_page
 from truearm.pages.html import write_page
 from truearm.wings.gao2017.reproduction_page import reproduction_page
 
@@ -15,8 +15,6 @@ def path(chromium, tmp_path_factory):  # without a browser nothing is made
     return path
 
 
-@pytest.mark.parametrize(
-    ("width", "scheme"), [(420, "dark"), (1400, "light"), pytest.param(900, "dark", marks=pytest.mark.weekly)]
-)
-def test_the_reproduction_keeps_what_all_pages_promise(chromium, path, width, scheme):
-    check_page(chromium, path, width=width, scheme=scheme)
+@pytest.mark.parametrize("looks", LOOKS)
+def test_the_reproduction_keeps_what_all_pages_promise(chromium, path, looks):
+    check_page(chromium, path, looks)

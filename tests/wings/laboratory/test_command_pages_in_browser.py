@@ -7,7 +7,7 @@ from made_up_certificate import ABOUT, CONFIRMED_PLAN
 from made_up_check import LENGTHS, write_days, write_model
 from made_up_verification import ARTEFACTS, MPE, Made
 
-from browser import check_page
+from browser import LOOKS, check_page
 
 VERIFIED = "--test-plan plan.toml --measured points.csv --artefacts artefacts.toml --mpe mpe.toml".split()  # noqa: SIM905
 COMMANDS = {
@@ -26,7 +26,7 @@ WITH_VIEW = {"arm", "plan", "report", "verification", "check", "task"}
 
 
 @pytest.fixture(scope="module")
-def folder(chromium, truearm, made, tmp_path_factory):  # without a browser nothing is made
+def folder(chromium, truearm, made, quick_plans, tmp_path_factory):  # without a browser nothing is made
     """A folder with the page of each command, by its name."""
     made_in, before = tmp_path_factory.mktemp("pages"), os.getcwd()
     texts = {
@@ -54,11 +54,9 @@ def folder(chromium, truearm, made, tmp_path_factory):  # without a browser noth
     return made_in
 
 
-@pytest.mark.parametrize(
-    ("width", "scheme"), [(420, "dark"), (1400, "light"), pytest.param(900, "dark", marks=pytest.mark.weekly)]
-)
+@pytest.mark.parametrize("looks", LOOKS)
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_page_keeps_what_all_pages_promise(chromium, folder, name, width, scheme):
+def test_a_page_keeps_what_all_pages_promise(chromium, folder, name, looks):
     page = folder / f"{name}.html"
     assert ('class="scene"' in page.read_text(encoding="utf-8")) == (name in WITH_VIEW)
-    check_page(chromium, page, width=width, scheme=scheme)
+    check_page(chromium, page, looks)

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from page_transcripts import BLOCK, check_printed, commands
 from truearm.wings.reports.docs_command import steps_of
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "quick_plans")
 
 PAGE = Path(__file__).parents[3] / "docs" / "first-certificate.md"
 # A check that has too few checks before it, and a verification by a plan that nobody has confirmed, say so.
