@@ -140,7 +140,7 @@ def test_stretches_have_the_prior_of_the_type_that_was_set_after_they_were_prepa
         identify._may_replace(replace(prepared, prior="of the type"), [], SimpleNamespace(fit=None), None)
 
 
-@pytest.mark.parametrize("size", [2e-4, 8e-4])
+@pytest.mark.parametrize("size", [2e-4, pytest.param(8e-4, marks=pytest.mark.weekly)])
 def test_terms_that_are_the_cause_stay(arm, size, monkeypatch):
     rng = np.random.default_rng(4)
     angles = rng.uniform(-1.2, 1.2, (150, 3))

@@ -196,7 +196,7 @@ def test_impossible_temperatures_are_refused(real, rng):
         )
 
 
-@pytest.mark.parametrize("name", ["nominal", "kinematic", "physical"])
+@pytest.mark.parametrize("name", ["nominal", "kinematic", pytest.param("physical", marks=pytest.mark.weekly)])
 def test_a_model_fitted_without_a_temperature_is_transferred_with_one_saved_and_read(name, real, rng, tmp_path):
     model = MODELS[name](real.arm, **({"highest": 1} if name == "physical" else {})).fit_readings(real.points(60, rng))
     assert model.training_.temperature_degC is None

@@ -296,6 +296,7 @@ def test_the_demo_looks_before_it_works(refused, bench):
 
 
 @pytest.mark.parametrize("writer", ["fit", "predict", "simulate", "report", "split"])
+@pytest.mark.usefixtures("undrawn")
 def test_a_full_disk_leaves_what_was_there(refused, bench, truearm, writer):
     """A limit on the size of files stands for a full disk: a write fails in the middle."""
     resource = pytest.importorskip("resource", reason="limits of a process are those of POSIX")

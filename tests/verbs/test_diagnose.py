@@ -64,7 +64,7 @@ def test_no_explanation_is_said(readings, rng):
     assert ta.diagnose("gao2017", lost.rows(np.arange(12))).summary().startswith("No known mistake explains")
 
 
-@pytest.mark.parametrize("joint", [3, 4])
+@pytest.mark.parametrize("joint", [3, pytest.param(4, marks=pytest.mark.weekly)])
 def test_it_names_what_the_refusal_of_a_fit_names(readings, joint):
     """A reversed sign beside zeros that are off by degrees: neither alone explains the readings."""
     sign = np.where(np.arange(6) == joint - 1, -1.0, 1.0)

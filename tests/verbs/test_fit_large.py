@@ -148,7 +148,7 @@ def physical_by_sums():
     return list(zip(sessions, found, samples, strict=True))
 
 
-@pytest.mark.parametrize("model", ["nominal", "kinematic"])
+@pytest.mark.parametrize("model", [pytest.param("nominal", marks=pytest.mark.weekly), "kinematic"])
 def test_rounding_of_the_angles_is_in_the_sums(model, monkeypatch):
     session = ta.simulate("ur10", poses=1500, seed=1).session
     session = replace(session, angles=np.radians(np.round(np.degrees(session.angles), 1)))

@@ -54,7 +54,7 @@ def test_a_step_that_does_not_matter_is_not_said():
     assert ta.fit("ur10", warming, model="kinematic").frame_changes == ()
 
 
-@pytest.mark.parametrize("model", ["hybrid", "network"])
+@pytest.mark.parametrize("model", ["hybrid", pytest.param("network", marks=pytest.mark.weekly)])
 def test_networks_do_not_hide_a_move(moved, model):
     """They have no frame of their own: the arm fitted beside them shows it."""
     options = {"hidden": (4,), "epochs": 3}

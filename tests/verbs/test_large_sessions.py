@@ -105,7 +105,7 @@ def test_errors_and_coverage_are_those_of_the_whole_session(folder, session, mod
     refuses("lengths are not compared", ta.evaluate, model, folder, lengths="lengths.csv")
 
 
-@pytest.mark.parametrize("without", [0, 1, 2])
+@pytest.mark.parametrize("without", [0, pytest.param(1, marks=pytest.mark.weekly), 2])
 def test_a_part_without_points_takes_no_other_away(truearm, session, model, tmp_path, without):
     pytest.importorskip("pyarrow")
     pandas, folder = pytest.importorskip("pandas"), tmp_path / "set"

@@ -118,8 +118,9 @@ def test_one_gain_of_all_joints_is_no_gain_of_servos(factor, hint):
     caught = refuses(ALL_JOINTS.format(f"{factor:.3f}"), ta.KinematicModel(arm).fit_readings, scaled)
     assert hint in caught.hint
     assert ("gon" in hint) == ("gon" in caught.hint)
-    with ta.accepting("the encoder is of another gear"):
-        assert has_gains(ta.KinematicModel(arm).fit_readings(scaled))
+    if "gon" in hint:
+        with ta.accepting("the encoder is of another gear"):
+            assert has_gains(ta.KinematicModel(arm).fit_readings(scaled))
 
 
 def test_gon_are_named_by_the_doctor_and_refused_by_a_fit_without_gains():

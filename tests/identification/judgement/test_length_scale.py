@@ -153,7 +153,7 @@ def test_points_of_another_scale_are_refused(factor, measured):
     assert f"divided by {factor:.3f}" in caught.hint
 
 
-@pytest.mark.parametrize("typed", [505.0, 480.0])
+@pytest.mark.parametrize("typed", [505.0, pytest.param(480.0, marks=pytest.mark.weekly)])
 def test_a_bar_typed_wrongly_is_refused(typed, bar):
     session, lengths = bar
     wrong = replace(lengths, length_mm=lengths.length_mm + typed - 500)

@@ -237,7 +237,7 @@ def test_exchanged_corners_are_named(reading, corners, said):
     assert abs(found.lenses[0].fx - cell.lens.fx) < 4 * found.u_intrinsics[0]
 
 
-@pytest.mark.parametrize("seed", [5, 15])
+@pytest.mark.parametrize("seed", [pytest.param(5, marks=pytest.mark.weekly), 15])
 def test_a_board_that_moved_in_one_image_takes_no_part_and_is_named(seed):
     """As a gross error of the arm, or before that as an image that no camera beside the robot explains."""
     cell = measured(False)[0]

@@ -54,7 +54,7 @@ def test_transposed_rotations_are_named(eye_in_hand, of, word):
         ta.hand_eye(poses["board"], poses["robot"], eye_in_hand=eye_in_hand)
 
 
-@BOTH
+@pytest.mark.parametrize("eye_in_hand", [False, pytest.param(True, marks=pytest.mark.weekly)])
 def test_boards_seen_half_turned_are_named_and_ignored(eye_in_hand):
     cell = cell_of(eye_in_hand)
     seen = cell.seen.copy()

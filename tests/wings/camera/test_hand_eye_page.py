@@ -9,7 +9,7 @@ from truearm.wings.camera.hand_eye_page import _arm, _in_base, _Left
 NOISE = (0.02, 0.1)  # deg, mm
 
 
-@pytest.fixture(params=[False, True], ids=["beside the robot", "on the flange"])
+@pytest.fixture(scope="module", params=[False, True], ids=["beside the robot", "on the flange"])
 def found(request):
     """Hand-eye with an image that was seen half turned, the fifth."""
     cell = make_cell(2, 24, eye_in_hand=request.param, errors=(5e-4, 0.3), noise=NOISE)

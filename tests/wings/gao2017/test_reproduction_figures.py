@@ -100,7 +100,16 @@ def test_the_arm_is_drawn_with_all_joints_and_its_tip(angles):
     assert {f"{letter}{i}" for letter in "xz" for i in range(7)} < set(labels)
 
 
-@pytest.mark.parametrize("angles", [(0, -120, 0, 75, 0, -30), (20, -100, 30, 60, -25, -10), (35, -90, -20, 40, 10, 20)])
+@pytest.mark.parametrize(
+    "angles",
+    [
+        (0, -120, 0, 75, 0, -30),
+        *(
+            pytest.param(one, marks=pytest.mark.weekly)
+            for one in ((20, -100, 30, 60, -25, -10), (35, -90, -20, 40, 10, 20))
+        ),
+    ],
+)
 def test_labels_of_the_arm_do_not_cover_each_other_nor_leave_the_paper(angles):
     frames, tip = arm_at(angles)
     for figure in (arm_figure(frames, tip), frame_figure(frames, tip)):

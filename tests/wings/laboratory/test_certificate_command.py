@@ -196,7 +196,7 @@ def test_points_of_two_origins_are_refused_with_their_lines(refused, bench):
     refused(ALL, f"arm software in lines 2 to 30; not stated in lines 31 to {len(lines)}")
 
 
-@pytest.mark.parametrize("number", [None, ""])
+@pytest.mark.parametrize("number", [None, pytest.param("", marks=pytest.mark.weekly)])
 def test_points_without_a_serial_number_are_certified_and_that_is_said(truearm, bench, number):
     Path("points.csv").write_text(Made().iso().text(number), encoding="utf-8")
     ran = truearm(*ALL).done()

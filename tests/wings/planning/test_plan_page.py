@@ -16,7 +16,7 @@ ARM = load_arm("gao2017")
 ARTEFACTS = {"tracker": Artefact("tracker"), "seat": Artefact("seat", 2), "bar": Artefact("bar", 2, 200.0)}
 
 
-@pytest.fixture(scope="module", params=ARTEFACTS)
+@pytest.fixture(scope="module", params=["tracker", "seat", pytest.param("bar", marks=pytest.mark.weekly)])
 def plan(request):
     return propose(ARM, nominal_prior(ARM, terms="constants", noise_mm=0.02), ARTEFACTS[request.param], 9, seed=2)
 

@@ -33,9 +33,9 @@ def xarm() -> str:
     return yaml.safe_dump({"kinematics": poses})
 
 
-@pytest.fixture(params=[franka, xarm], ids=["franka", "xarm"])
-def source(request, tmp_path):
-    path = tmp_path / "kinematics.yaml"
+@pytest.fixture(scope="module", params=[franka, xarm], ids=["franka", "xarm"])
+def source(request, tmp_path_factory):
+    path = tmp_path_factory.mktemp("driver") / "kinematics.yaml"
     path.write_bytes(request.param().encode())
     return path
 
@@ -44,10 +44,12 @@ def poses(n: int, n_joints: int) -> np.ndarray:
     return np.random.default_rng(0).uniform(-1.2, 1.2, (n, n_joints))
 
 
-def built(nominal, tip=(10.0, 0.0, 60.0)) -> tuple[ta.KinematicModel, np.ndarray]:
+@pytest.fixture(scope="module")
+def built(source) -> tuple[ta.KinematicModel, np.ndarray]:
+    nominal = read_kinematics_yaml(source)
     motions = np.random.default_rng(4).normal(size=(nominal.chain.n_places, 6)) * ([1e-3] * 3 + [0.5] * 3)
     q = poses(80, nominal.n_joints)
-    chain = nominal.chain.with_tip(np.array(tip)).with_motions(motions)
+    chain = nominal.chain.with_tip(np.array([10.0, 0.0, 60.0])).with_motions(motions)
     return ta.KinematicModel(nominal).fit(q, chain.tip_in_base(q)), q
 
 
@@ -63,8 +65,8 @@ def test_they_are_the_arms_of_the_catalogue(source):
     assert ta.load_arm(source).joint_names == tuple(f"joint{i + 1}" for i in range(arm.n_joints))
 
 
-def test_the_file_has_the_arm_that_was_built(source, tmp_path):
-    model, q = built(read_kinematics_yaml(source))
+def test_the_file_has_the_arm_that_was_built(source, built, tmp_path):
+    model, q = built
     out = tmp_path / "built.yaml"
     rigid = kinematics_yaml.write(model, out, source=source).rigid
     again = ta.load_arm(out)
@@ -84,8 +86,8 @@ def test_the_file_has_the_arm_that_was_built(source, tmp_path):
     assert after[:8] == before[:8] or source.read_bytes().startswith(b"kinematics")  # joint 1 is the base's
 
 
-def test_an_earlier_export_is_a_source_too(source, tmp_path):
-    model, _ = built(read_kinematics_yaml(source))
+def test_an_earlier_export_is_a_source_too(source, built, tmp_path):
+    model, _ = built
     once, twice = tmp_path / "once.yaml", tmp_path / "twice.yaml"
     for given, out in ((source, once), (once, twice)):
         ta.export(model, out, format="kinematics-yaml", source=given)
@@ -119,8 +121,8 @@ def test_another_file_is_refused(text, said, tmp_path):
     assert error.file == tmp_path / "k.yaml"
 
 
-def test_what_cannot_be_exported_is_refused(source, tmp_path):
-    model, _ = built(read_kinematics_yaml(source))
+def test_what_cannot_be_exported_is_refused(source, built, tmp_path):
+    model, _ = built
 
     def export(**options):
         return ta.export(model, tmp_path / "out.yaml", format="kinematics-yaml", **options)

@@ -1,6 +1,7 @@
 """MJCF written: MuJoCo gets the arm that was built, and nothing else changes."""
 
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ from refusals import refuses
 from truearm.wings.exports.formats import mjcf
 
 
-@pytest.fixture
-def source(tmp_path):
-    (tmp_path / "robot.xml").write_bytes(MODEL.replace("\n", "\r\n").encode())
-    return tmp_path / "robot.xml"
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    path = tmp_path_factory.mktemp("robot") / "robot.xml"
+    path.write_bytes(MODEL.replace("\n", "\r\n").encode())
+    return path
 
 
 def poses(arm) -> np.ndarray:
@@ -22,7 +24,9 @@ def poses(arm) -> np.ndarray:
     return np.where(arm.chain.is_prismatic, 200 * q, q)
 
 
-def built(arm) -> ta.KinematicModel:
+@cache
+def built(source) -> ta.KinematicModel:
+    arm = ta.load_arm(source)
     motions = np.random.default_rng(4).normal(size=(arm.chain.n_places, 6)) * ([1e-3] * 3 + [0.5] * 3)
     q = poses(arm)
     return ta.KinematicModel(arm).fit(q, arm.chain.with_tip(np.array([5.0, 6, 7])).with_motions(motions).tip_in_base(q))
@@ -30,7 +34,7 @@ def built(arm) -> ta.KinematicModel:
 
 @pytest.mark.parametrize("links", ["", ":base:hand"])
 def test_the_model_has_the_arm_that_was_built(source, tmp_path, links):
-    model = built(ta.load_arm(f"{source}{links}"))
+    model = built(f"{source}{links}")
     out = tmp_path / "built.xml"
     rigid = mjcf.write(model, out, source=f"{source}{links}").rigid
     q = poses(rigid.arm)
@@ -46,7 +50,7 @@ def test_the_model_has_the_arm_that_was_built(source, tmp_path, links):
 
 def test_only_poses_of_bodies_change(source, tmp_path):
     out = tmp_path / "built.xml"
-    ta.export(built(ta.load_arm(source)), out, source=source)
+    ta.export(built(f"{source}"), out, source=source)
     lines = out.read_bytes().decode().splitlines()
     kept = [line for line in lines if not re.search(r"truearm-export|name=\"tip\"|name=\"truearm\"", line)]
     before = MODEL.splitlines()
@@ -67,12 +71,12 @@ def test_a_model_that_is_the_nominal_arm_moves_no_body(source, tmp_path):
 
 
 def test_what_cannot_be_exported_is_refused(source, tmp_path):
-    model = built(ta.load_arm(source))
+    model = built(f"{source}")
     refuses("own model is not stated", ta.export, model, tmp_path / "out.xml")
     refuses("frame does not apply", ta.export, model, tmp_path / "out.xml", source=source, frame="reference")
     joints = '<joint name="a"/><joint name="b" axis="1 0 0"/>'
     body = f'<body>{joints}<body pos="0 0 1"><joint name="c"/><site name="tip" pos="0 1 0"/></body></body>'
     (tmp_path / "two.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
-    refuses("joint 'a' has several joints", ta.export, built(ta.load_arm(tmp_path / "two.xml")), tmp_path / "out.xml",
+    refuses("joint 'a' has several joints", ta.export, built(f"{tmp_path / 'two.xml'}"), tmp_path / "out.xml",
             source=tmp_path / "two.xml")  # fmt: skip
     assert not (tmp_path / "out.xml").exists()

@@ -120,9 +120,8 @@ def uncertainty(covariances):
     scope="module",
     params=[
         "large",
-        "ur10",
         "rail",
-        *(pytest.param(name, marks=pytest.mark.weekly) for name in ("measuring7", "kinematic")),
+        *(pytest.param(name, marks=pytest.mark.weekly) for name in ("ur10", "measuring7", "kinematic")),
     ],
 )
 def written(request, tmp_path_factory):

@@ -149,7 +149,7 @@ def test_the_robots_own_file_gives_the_models_points_in_pinocchio(model, exporte
     np.testing.assert_allclose(found, urdf.tips(path, q) / 1000, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(i, marks=pytest.mark.weekly) for i in range(2, 6))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(i, marks=pytest.mark.weekly) for i in range(1, 6))])
 def test_any_axes_and_origins_give_the_models_points(tmp_path, seed):
     """Axes and origins of all joints drawn at random, one axis opposite to z; read by Pinocchio."""
     rng = np.random.default_rng(seed)

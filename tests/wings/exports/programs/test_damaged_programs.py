@@ -90,12 +90,13 @@ def test_a_damaged_program_is_refused_or_its_numbers_have_their_places(ending):
     assert n_read > 20
 
 
+@pytest.mark.parametrize("n", [20, pytest.param(200, marks=pytest.mark.weekly)])
 @pytest.mark.parametrize("ending", PROGRAMS)
-def test_a_damaged_program_is_corrected_or_refused_as_a_whole(tmp_path, ending):
+def test_a_damaged_program_is_corrected_or_refused_as_a_whole(tmp_path, ending, n):
     arm, text = PROGRAMS[ending]
     rng, path = random.Random(2), tmp_path / f"a.{ending}"
     (tmp_path / "frames.toml").write_text(FRAMES)
-    for _ in range(40):
+    for _ in range(n):
         path.write_bytes(damaged(text.encode(), rng))
         with suppress(InputError):
             correct_program(fitted(arm), path, frames=tmp_path / "frames.toml", untrained="accept")

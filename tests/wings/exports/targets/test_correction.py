@@ -211,7 +211,7 @@ def test_a_large_correction_is_not_called_singular(ur10):
     assert not any("singular: condition" in reason for reason in found.reasons)
 
 
-@pytest.mark.parametrize("offset", [0.12, 0.3])
+@pytest.mark.parametrize("offset", [pytest.param(0.12, marks=pytest.mark.weekly), 0.3])
 def test_an_arm_with_a_large_joint_offset_is_corrected(offset):
     """The readings share it between base, tip and joints, so that the change is no constant."""
     arm, rng = replace(load_arm("ur10"), nominal_error_mm=500.0), np.random.default_rng(1)

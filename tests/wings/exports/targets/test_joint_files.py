@@ -10,6 +10,7 @@ import yaml
 
 import truearm as ta
 from refusals import refuses
+from truearm.wings.exports.targets.joint_files import tables
 from truearm.wings.exports.targets.joint_files.joint_file import places_of
 
 Q = np.random.default_rng(3).uniform(-0.8, 0.8, (4, 5)).round(4)
@@ -387,13 +388,15 @@ def test_a_data_set_with_old_motors_is_refused(model, tmp_path):
     refuses("before it changed the zeros", ta.correct, model, file, angle_unit="deg")
 
 
-def test_a_small_parquet_file_that_is_large_is_refused(model, tmp_path):
-    n = 2**23 + 1
+def test_a_small_parquet_file_that_is_large_is_refused(model, tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "MAX_CELLS", 2**17)
+    monkeypatch.setattr(tables, "MAX_BYTES", 2**22)
+    n = 2**17 + 1
     long = pa.ListArray.from_arrays(pa.array([0, n], pa.int32()), pa.array(np.zeros(n, dtype=np.float32)))
     pq.write_table(pa.table({"action": long}), tmp_path / "cells.parquet", compression="zstd")
-    wide = {"action": pa.array([[1.0] * 6]), "z": pa.array(["x" * (2**28 + 1)])}
+    wide = {"action": pa.array([[1.0] * 6]), "z": pa.array(["x" * (2**22 + 1)])}
     pq.write_table(pa.table(wide), tmp_path / "bytes.parquet", compression="zstd", write_statistics=False)
-    often = pa.DictionaryArray.from_arrays(pa.array(np.zeros(300, dtype=np.int32)), pa.array(["x" * 10**6]))
+    often = pa.DictionaryArray.from_arrays(pa.array(np.zeros(300, dtype=np.int32)), pa.array(["x" * 20_000]))
     repeated = {"action": pa.array([[1.0] * 6] * 300), "z": often}
     pq.write_table(pa.table(repeated), tmp_path / "of_one.parquet", store_schema=False, dictionary_pagesize_limit=2**30)
     refuses("at most .* bytes without", ta.correct, model, tmp_path / "of_one.parquet", angle_unit="deg")

@@ -203,7 +203,7 @@ def test_a_shift_of_everything_is_no_error():
 def test_noise_has_the_size_that_statistics_give():
     """White noise s of a coordinate: a length errs by s sqrt 2, a seat's 2s is 2 sqrt(3) s."""
     s = 0.01
-    found = taken(MadeUp(noise_mm=s), n_arms=60, name="asme-b89.4.22")
+    found = taken(MadeUp(noise_mm=s), n_arms=40, name="asme-b89.4.22")
     rows = [values(one) for one in found]
     assert np.mean([row["Volumetric.2RMS"] for row in rows]) == pytest.approx(2 * np.sqrt(2) * s, rel=0.05)
     seats = [[row.value for row in one.rows if row.label == "SPAT.2s"] for one in found]

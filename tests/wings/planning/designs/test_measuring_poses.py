@@ -47,11 +47,16 @@ def slider() -> Arm:
 
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("strategy", list(STRATEGIES))
-def test_every_strategy_keeps_every_arm_inside_its_limits_and_repeats(name, strategy):
+def test_every_strategy_keeps_every_arm_inside_its_limits(name, strategy):
     arm = load_arm(name)
-    poses, again, other = (STRATEGIES[strategy](arm, 12, seed=seed).angles for seed in (5, 5, 6))
+    poses = STRATEGIES[strategy](arm, 12, seed=5).angles
     assert poses.shape == (12, arm.n_joints)
     assert ((poses >= arm.limits[:, 0]) & (poses <= arm.limits[:, 1])).all()
+
+
+@pytest.mark.parametrize("strategy", list(STRATEGIES))
+def test_a_seed_repeats(strategy):
+    poses, again, other = (STRATEGIES[strategy](load_arm(ARMS[0]), 12, seed=seed).angles for seed in (5, 5, 6))
     assert (again == poses).all()
     assert not (other == poses).all()
 

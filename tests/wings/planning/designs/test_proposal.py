@@ -14,13 +14,15 @@ from truearm.wings.planning.designs.proposal import STRATEGIES, Artefact, inform
 from truearm.wings.planning.designs.sampling import Sector
 
 ARM = load_arm("gen3lite")
+pytestmark = pytest.mark.usefixtures("quick_plans")
+
 KNOWN = nominal_prior(ARM, terms="constants", noise_mm=0.02)
 ARTEFACTS = {"tracker": Artefact("tracker"), "seat": Artefact("seat", 3), "bar": Artefact("bar", 2, 200.0)}
 N = 18
 
 
 @pytest.fixture(scope="module", params=["tracker", "seat", pytest.param("bar", marks=pytest.mark.weekly)])
-def plan(request):
+def plan(request, quick_plans):
     return propose(ARM, KNOWN, ARTEFACTS[request.param], N, seed=1)
 
 

@@ -76,10 +76,10 @@ def test_reading_by_reading_it_is_the_least_squares_of_all(arm, prior, target, s
 
 @pytest.mark.parametrize(("in_seats", "n_in_prior"), [(False, 0), (False, 5), (True, 0), (True, 5)])
 def test_a_reading_added_to_the_sums_gives_the_estimate_of_all_anew(arm, prior, target, in_seats, n_in_prior):
-    angles, seat, n_before = ta.simulate("ur10", poses=150, seed=1).session.angles, None, 120
+    angles, seat, n_before = ta.simulate("ur10", poses=138, seed=1).session.angles, None, 120
     if in_seats:
         poses = seat_poses(arm, seats=6, poses=60, seed=1)
-        angles, seat, n_before = poses.angles, poses.seat, 30
+        angles, seat, n_before = poses.angles, poses.seat, 42
     _, readings = planted(prior, angles, 1, seat)
     state, n_by_sums, p = prior.state(angles), 0, len(prior.precision)
     estimate = Estimate.before_readings(prior)
