@@ -111,3 +111,17 @@ def test_independent_readings_keep_their_uncertainty(arm, chain):
     assert effect.factor < 1.3
     ratio = np.diag(covariance) / np.diag(found.covariance)
     assert 0.99 < ratio.min() < ratio.max() < 2.0
+
+
+def test_readings_whose_poses_come_back_count_as_fewer_independent_ones(arm, chain):
+    """Where that is more than blocks show: with a factor f the covariance is that of normal equations over f."""
+    state, points, truth = readings(arm, chain, 24 * BLOCK, rho=0.0, seed=3)
+    found, sums = estimated(chain, state, points)
+    every, precision = np.arange(len(truth)), np.diag(prior_std(chain) ** -2.0)
+    covariance, effect = sums.correlated(found, prior_std(chain), every, 50.0)
+    assert effect.factor == 50.0
+    size = np.sqrt(np.diag(covariance))
+    expected = np.linalg.inv(sums.gram / 50.0 + precision)
+    assert np.abs((covariance - expected) / np.outer(size, size)).max() < 1e-6  # rounding, of conditions of 1e9
+    unchanged = sums.correlated(found, prior_std(chain), every)
+    assert np.array_equal(sums.correlated(found, prior_std(chain), every, 0.5)[0], unchanged[0])

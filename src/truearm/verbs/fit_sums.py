@@ -37,7 +37,7 @@ from truearm.models.training_conditions import InputRange, TrainingConditions
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_errors import PointErrorSums
-from truearm.solve.sums import MAX_KEPT, DesignEffect, Sums, different, first_different, joined
+from truearm.solve.sums import MAX_KEPT, DesignEffect, DistinctSketch, Sums, different, first_different, joined
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import LengthsLike, Limits, allowed_in_part, check_has_reference
 from truearm.verbs.record import describe_effective_number, number_of
@@ -46,6 +46,8 @@ from truearm.verbs.record import describe_effective_number, number_of
 FOLDS = 10
 # Passes over the session. Two are the rule: the sample is near.
 MAX_PASSES = 6
+# Readings that differ by less are of one pose: a tenth of the period of the highest harmonics [rad; mm].
+POSE_RAD, POSE_MM = 5e-3, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +88,8 @@ class FitSums(Sums):
     sums : ReadingSums
     inputs : dict of str to Spread
         Of ``"angles"`` and ``"directions"`` (of all joints), ``"temperature"`` and further columns.
+    poses : DistinctSketch
+        Poses, by cells of `POSE_RAD` and `POSE_MM`.
     held_out, nominal : PointErrorSums
         Errors of the points as predicted without their stretch, and by the nominal arm; without gross errors.
     gross : tuple of str
@@ -99,6 +103,7 @@ class FitSums(Sums):
     n_read: int
     sums: ReadingSums
     inputs: Mapping[str, Spread] = field(default_factory=dict)
+    poses: DistinctSketch = field(default_factory=DistinctSketch)
     held_out: PointErrorSums = field(default_factory=PointErrorSums)
     nominal: PointErrorSums = field(default_factory=PointErrorSums)
     gross: tuple[str, ...] = field(default=(), metadata=joined(first_different))
@@ -122,6 +127,8 @@ class AllReadings:
     total : FitSums or None
     effect : DesignEffect or None
         By how much correlated readings are worth less.
+    comes_back : float
+        By how much at least, as poses come back with their errors.
     """
 
     n_sample: int
@@ -129,6 +136,7 @@ class AllReadings:
     n_passes: int = 0
     total: FitSums | None = None
     effect: DesignEffect | None = None
+    comes_back: float = 1.0
 
     @property
     def held_out_mm(self) -> tuple[float, float] | None:
@@ -158,6 +166,9 @@ class AllReadings:
         if not (identified_model := to_identified(model)) or not identified_model.fit_.converged:
             yield f"The constants still changed in pass {self.n_passes}: their uncertainty may be larger."
         said = describe_effective_number(self.n_effective, used, self.effect.is_settled)
+        if 1 < self.effect.factor <= self.comes_back:
+            poses = f"{self.total.poses.number:.0f} poses with their errors"
+            said = f"{used} readings come back to {poses}, and are worth {self.n_effective:.0f} independent ones"
         yield f"{said}." if self.effect.factor <= 1 else f"{said}, which the uncertainty of the constants contains."
         if gross:
             named, others = ", ".join(self.total.gross), " and others" * (gross > len(self.total.gross))
@@ -246,7 +257,9 @@ def sums_of_readings(
     of_file = {part.file: len(used)}, {part.file: len(gross)}
     inputs = {"angles": used.angles, "directions": used.directions, "temperature": used.temperature_degC}
     spreads = {name: Spread.of(of) for name, of in (inputs | dict(used.columns)).items() if of is not None}
-    return FitSums(len(given), sums, spreads, held_out, nominal, names, *of_file, accepted_here)
+    cells = np.where(model.arm_.chain.is_prismatic, POSE_MM, POSE_RAD)
+    poses = DistinctSketch.of(np.rint(used.angles / cells).astype(np.int64))
+    return FitSums(len(given), sums, spreads, poses, held_out, nominal, names, *of_file, accepted_here)
 
 
 def fit_all(
@@ -301,7 +314,11 @@ def fit_all(
     if accept is not None:
         _check_files(total)
     accept_also(total.overridden)
-    whole, effect = identified(of_sample.fit_, arm, at, total.sums, following.x)
+    # Errors that repeat at a pose are not averaged by its readings: variance s + (1 - s) / m of the mean of m of them.
+    of_instrument = float((_points_of(sample.rows(sample.has_point)).std ** 2).mean())
+    share = of_sample.judged().repeating_share_ * at.noise_mm2 / (at.noise_mm2 + of_instrument)
+    comes_back = max(1 + share * (total.sums.n / total.poses.number - 1), 1.0)
+    whole, effect = identified(of_sample.fit_, arm, at, total.sums, following.x, comes_back)
     whole = replace(whole, converged=following.is_settled, rounds=n_pass)
     new = copy.copy(of_sample)
     new.accepted_ = accepted(of_sample.accepted_)
@@ -309,7 +326,7 @@ def fit_all(
     if new.kind == "nominal":
         new.nominal_ = whole
     new.held_out_errors_ = _held_out_errors(total, len(by_fold)) or of_sample.held_out_errors_
-    return new, AllReadings(n_sample, "", n_pass, total, effect)
+    return new, AllReadings(n_sample, "", n_pass, total, effect, comes_back)
 
 
 def _points_of(readings: Session) -> Points:

@@ -7,7 +7,7 @@ and parts may be summed anywhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import reduce
 from itertools import pairwise, starmap
 
@@ -136,17 +136,22 @@ class ReadingSums(Sums):
         return design_effect(self.scores[:, which], independent.covariance, self.n, determined)
 
     def correlated(
-        self, independent: Posterior, prior_std: FloatArray, which: IntArray
+        self, independent: Posterior, prior_std: FloatArray, which: IntArray, least_factor: float = 1.0
     ) -> tuple[FloatArray, DesignEffect]:
         """Covariance of these coefficients by readings that are correlated, and by how much they are.
 
         With S the covariance of the gradient, P that of the coefficients by independent readings and L one over the
         prior's variances, it is ``P (S + L) P`` (P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221). S is the design
         effect times ``J^T W J``, and in directions where blocks scatter more, more: as much of it as their number
-        allows to know.
+        allows to know. Blocks do not show errors that come back with the poses: where these make the readings worth
+        less by a `least_factor` that is larger, it is the covariance by as many fewer independent ones.
         """
         precision, root = prior_std[which] ** -2.0, independent.root
         effect = self.effect(independent, prior_std, which)
+        if least_factor > effect.factor:
+            fewer = replace(self, gram=self.gram / least_factor)
+            covariance = fewer.posterior(np.zeros(self.gram.shape[0]), prior_std, which).covariance
+            return covariance, replace(effect, factor=least_factor)
         determined = float(determined_shares(independent.variance, precision).sum())
         alike = effect.factor * self.gram[np.ix_(which, which)]
         sizes, directions = np.linalg.eigh(root @ (effect.scatter - alike) @ root.T)
