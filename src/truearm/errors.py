@@ -81,6 +81,15 @@ class InputError(TruearmError, ValueError):
         """The same error, found in `file`."""
         return type(self)(self.problem, file=file, line=self.line, column=self.column, hint=self.hint, row=self.row)
 
+    @classmethod
+    @contextmanager
+    def of_file(cls, file: str | Path | None) -> Iterator[None]:
+        """The errors of a block are of a file, unless they name one themselves; None: they stay as they are."""
+        try:
+            yield
+        except InputError as error:
+            raise error if file is None or error.file is not None else error.in_file(file) from None
+
     def with_hint(self, hint: str) -> InputError:
         """The same error with another hint."""
         return type(self)(self.problem, file=self.file, line=self.line, column=self.column, hint=hint, row=self.row)

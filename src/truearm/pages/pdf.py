@@ -109,15 +109,13 @@ def read_logo(path: str | Path) -> Logo:
     InputError
         If the file is missing, too large, neither of both, or the SVG contains text, pictures, scripts or references.
     """
-    try:
+    with InputError.of_file(path):
         content = read_limited(path, limit_bytes=MAX_LOGO_BYTES)
         if content.startswith(b"\x89PNG\r\n\x1a\n"):
             _check_png(content)
             return Logo(content, "png")
         _check_svg(content)
         return Logo(content, "svg")
-    except InputError as error:
-        raise error.in_file(path) from None
 
 
 def _check_png(content: bytes) -> None:

@@ -254,11 +254,9 @@ def _checked_prior(prior: TypePrior | str | Path, arm: Arm | None, model: ModelN
     if arm is None or model in WITHOUT_CONSTANTS:
         raise InputError(f"a {model} model identifies no constants, and takes no type prior", hint="--model kinematic")
     found = prior if isinstance(prior, TypePrior) else read_type_prior(prior)
-    try:
+    with InputError.of_file(None if isinstance(prior, TypePrior) else prior):
         found.check_arm(arm)
         return found.without(serial_number)
-    except InputError as error:
-        raise error if isinstance(prior, TypePrior) else error.in_file(prior) from None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

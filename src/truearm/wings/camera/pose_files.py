@@ -211,7 +211,7 @@ def read_samples(path: str | Path) -> Samples:
     """
     file = Path(path)
     data = read_limited(file, limit_bytes=MAX_BYTES)
-    try:
+    with InputError.of_file(file):
         if data[:2] == b"PK" and is_zipfile(io.BytesIO(data)) and file.suffix != ".xlsx":
             return replace(_of_opencv(data), file=file)
         text = data.lstrip()[:1]
@@ -220,8 +220,6 @@ def read_samples(path: str | Path) -> Samples:
         if file.suffix.lower() in (".yaml", ".yml", ".samples"):
             return replace(_of_yaml(parse_yaml(data), file), file=file)
         return replace(_of_table(data, file), file=file)
-    except InputError as error:
-        raise error if error.file is not None else error.in_file(file) from None
 
 
 # OpenCV's arrays ------------------------------------------------------------------------------------------------------
@@ -331,10 +329,8 @@ def _of_yaml(root: YamlNode, file: Path) -> Samples:
 
 
 def _pose_file(file: Path) -> YamlNode:
-    try:
+    with InputError.of_file(file):
         return parse_yaml(read_limited(file, limit_bytes=10_000))
-    except InputError as error:
-        raise error if error.file is not None else error.in_file(file) from None
 
 
 def _of_easy_handeye(entries: dict[str, YamlNode], samples: Sequence[YamlNode]) -> Samples:

@@ -38,7 +38,7 @@ def text_lines(file: Path, connection: str = "") -> Source:
     connection = connection or document.connection
     if not connection:
         raise InputError("the key connection is missing", file=file, hint="or write it after the name: FILE@CONNECTION")
-    try:
+    with InputError.of_file(file):
         parse, n_joints = line_parser(document)
         opened = partial(connected, connector(connection), connection, partial(_samples, parse, document.pattern))
         return Source(
@@ -48,8 +48,6 @@ def text_lines(file: Path, connection: str = "") -> Source:
             has_points="{x_mm}" in document.pattern,
             has_own_clock="{time_s}" in document.pattern,
         )
-    except InputError as error:
-        raise error.in_file(file) from None
 
 
 def lines_of(link: Connection) -> Iterator[str | None]:

@@ -81,10 +81,8 @@ def mqtt(file: Path) -> Source:
     ):
         raise InputError(f"expected a topic, got {document.topic!r:.80}", file=file, hint="cell/+/joints, or cell/#")
     address = (host, int(number)) if colon else (number, TLS_PORT if document.tls else PORT)
-    try:
+    with InputError.of_file(file):
         decode = partial(decoded, document, document.decoder(len(document.joints)))
-    except InputError as error:
-        raise error.in_file(file) from None
 
     def talk(broker: _Broker) -> Stream:
         return samples_in(broker.messages(), decode, f"messages lack a number at {', '.join(document.joints)}")

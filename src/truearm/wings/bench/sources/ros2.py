@@ -64,10 +64,8 @@ def ros2(file: Path) -> Source:
     if len(set(document.joints)) != len(document.joints):
         raise InputError("a name is twice in joints", file=file)
     n = len(document.joints)
-    try:
+    with InputError.of_file(file):
         decode = document.decoder(n)
-    except InputError as error:
-        raise error.in_file(file) from None
     factors = np.where(np.isin(np.arange(1, n + 1), document.prismatic(n)), MM_PER_M, 1.0)
 
     def sample(repeats: Repeats, message: Any, arrived_s: float) -> Sample | Notice | None:

@@ -62,12 +62,10 @@ def servo_bus(kind: str, file: Path, connection: str, request: Request, answers:
     if not connection or len(set(document.ids)) != len(document.ids):
         missing = "the key connection is missing" if not connection else "an id is twice in ids"
         raise InputError(missing, file=file, hint="serial:/dev/ttyACM0:1000000" if not connection else None)
-    try:
+    with InputError.of_file(file):
         decode = document.decoder(len(document.ids))
         talk = partial(_samples, document.ids, decode, request, answers)
         opened = partial(connected, connector(connection), connection, talk)
-    except InputError as error:
-        raise error.in_file(file) from None
     return Source(f"{kind}:{file}@{connection}", opened, document.prismatic(len(document.ids)))
 
 

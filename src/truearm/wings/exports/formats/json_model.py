@@ -91,10 +91,8 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
         If the file is no such document, or its numbers do not fit each other.
     """
     document = read(path)
-    try:
+    with InputError.of_file(path):
         return _tips(document, np.asarray(joints, dtype=float))
-    except InputError as error:
-        raise error.in_file(path) from None
 
 
 def read(path: str | Path) -> form.ModelDocument:

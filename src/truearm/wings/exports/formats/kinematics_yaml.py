@@ -38,10 +38,8 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
         raise InputError("a maker's kinematics yaml is in the robot's own base frame", hint="leave out --frame")
     nominal = load_arm(Path(source))
     text = _OURS.sub("", utf8_text(read_limited(source, limit_bytes=MAX_BYTES)))
-    try:
+    with InputError.of_file(source):  # that of a UR
         poses = joint_poses(parse_yaml(text.encode()))
-    except InputError as error:  # that of a UR
-        raise error.in_file(source) from None
     rigid = request.rigid_arm(nominal)
     ur_kinematics.check_same_robot(request.model, rigid, source)
     edits: list[tuple[int, int, str]] = []

@@ -33,10 +33,8 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
     if arm.n_joints != len(MOTORS) or arm.chain.is_prismatic.any():
         raise InputError(f"expected the model of an SO-100 or SO-101, got one of {arm.name!r}")
     content = read_limited(request.source, limit_bytes=MAX_BYTES)
-    try:
+    with InputError.of_file(request.source):
         motors = parse_motors(content)
-    except InputError as error:
-        raise error.in_file(request.source) from None
     rigid = request.rigid_arm(terms_of=zeros_alone)
     zeros = joint_zeros(rigid.arm.chain, rigid.nominal, free=rigid.free)
     changes = homing_changes(zeros, arm.name)

@@ -44,12 +44,10 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
         raise InputError("the robot's own model is not stated", hint="--original robot.xml; MuJoCo reads a URDF too")
     file, base, tip = split_links(request.source)
     content = read_limited(file, limit_bytes=MAX_BYTES)
-    try:
+    with InputError.of_file(file):
         robot = mjcf_robot(content)
         rigid = request.rigid_arm(robot.chain(base, tip).arm())
         _check_bodies(robot, robot.chain(base, tip), content)
-    except InputError as error:
-        raise error.in_file(file) from None
 
     def edited(manifest: Manifest) -> bytes:
         kept = without_manifest(content)

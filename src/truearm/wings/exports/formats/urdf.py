@@ -130,10 +130,8 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
     else:
         file, base, tip = split_links(request.source)
         content = read_limited(file, limit_bytes=MAX_BYTES)
-        try:
+        with InputError.of_file(file):
             rigid = request.rigid_arm(_robot(content, base, tip).arm())
-        except InputError as error:
-            raise error.in_file(file) from None
 
     def edited(manifest: Manifest) -> bytes:
         kept = without_manifest(content)

@@ -147,7 +147,7 @@ def correct_program(
         check_subdivision(language, subdivide_mm, direction)
     stated = FramesFile() if frames is None else read_document(frames, FramesFile)
     beside = Surroundings(path, stated, fitted.arm_.chain.with_tip(np.zeros(3)))
-    try:
+    with InputError.of_file(path):
         text = language.unpacked(file)
         if MARKER.encode() in text:
             raise InputError(
@@ -166,8 +166,6 @@ def correct_program(
         solver = Solver(fitted, language, read.controller, direction, untrained, stated.rail)
         near = None if start is None else _start_of(start, solver.machine.n_axes)
         return _Correction(solver, read, is_first=not before).result(path, file, near, subdivide_mm)
-    except InputError as error:
-        raise error if error.file is not None else error.in_file(path) from None
 
 
 def language_of(data: bytes) -> Language | None:

@@ -122,14 +122,12 @@ def read_dcc_file(path: str | Path, *, trusted: str | Path | None = None) -> Cer
         `check_consistency`), its signature is broken (`BrokenSignature`), or not verifiable here although there is a
         `trusted` (`UnverifiedSignature`).
     """
-    try:
+    with InputError.of_file(path):
         content = read_limited(path, limit_bytes=MAX_BYTES)
         from_pdf = is_pdf(content)
         if from_pdf:
             content = attached_xml(content, limit_bytes=MAX_BYTES)
         return replace(parse_dcc_file(content, trusted=trusted), from_pdf=from_pdf)
-    except InputError as error:
-        raise (error if error.file is not None else error.in_file(path)) from None
 
 
 def parse_dcc(content: bytes) -> Certificate:

@@ -71,7 +71,7 @@ def _values(
     of_parameters, unexplained = model.covariance_parts(session)
     shared = model.shared_displacements(session)
     own = of_parameters - np.einsum("kni,knj->nij", shared, shared) + unexplained
-    try:
+    with InputError.of_file(session.file):
         return interim_values(
             points,
             std_mm=np.sqrt(np.trace(unexplained, axis1=1, axis2=2) / 3),
@@ -82,5 +82,3 @@ def _values(
             lengths=lengths,
             temperature_degC=temperature_degC,
         )
-    except InputError as error:
-        raise (error.in_file(session.file) if session.file is not None and error.file is None else error) from None

@@ -512,8 +512,6 @@ def artefacts_from_certificate(
         raise InputError("the certificate is of an arm, not of an artefact", file=path, hint="give the artefact's")
     source = f"{clean(Path(path).name)}: certificate {certificate.number} of {certificate.laboratory}"
     header = (f"Filled in by truearm {__version__} from {source}.", describe_signature(read.signature), *_HEADER)
-    try:
+    with InputError.of_file(path):
         draft = draft_artefact(certificate, chosen=results, header=header)
-    except InputError as error:
-        raise error.in_file(path) from None
     return ArtefactsFromCertificate(certificate, read.signature, draft)

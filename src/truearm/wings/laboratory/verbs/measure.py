@@ -117,7 +117,7 @@ def measure(
     readings = _with_known_directions(_in_one_frame(readings))
     directed = readings.directions is not None
     errors = PosteriorDistribution(fitted, repeatability_mm, directions_given=directed, readings=readings)
-    try:
+    with InputError.of_file(readings.file):
         found = measure_features(
             errors,
             feature,
@@ -130,8 +130,6 @@ def measure(
             seed=seed,
             progress=progress,
         )
-    except InputError as error:
-        raise (error if readings.file is None else error.in_file(readings.file)) from None
     remarks = [*acceptance_remarks(accept), *remarks]
     if fitted.session_frames_:
         remarks.append(f"Coordinates are in the frame of session {next(iter(fitted.session_frames_))}.")

@@ -240,21 +240,17 @@ def to_arm_distribution(
             raise InputError("a nominal arm is for a preset or a specification; a model has its own arm", file=file)
         to_model_of_tip(known)
         about = f"the model {file.name}" if file is not None else f"a model of {known.n_train_} readings"
-        try:
+        with InputError.of_file(file):
             about += "" if conditions == "reproducibility" else f", {SAME_DAY}"
             return PosteriorDistribution(known.under(conditions), repeatability_mm), about
-        except InputError as error:
-            raise (error if file is None else error.in_file(file)) from None
     if repeatability_mm is not None:
         raise InputError("a repeatability is for a model; a preset or a specification has its own random errors")
     if conditions == "repeatability":
         raise InputError("conditions are for a model; a preset or a specification has one uncertainty, of any day")
     nominal = to_arm(NOMINAL_ARM if arm is None else arm)
     if isinstance(known, Specification):
-        try:
+        with InputError.of_file(file):
             return SpecificationDistribution(nominal, known), f"the specification of {known.name}"
-        except InputError as error:
-            raise (error if file is None else error.in_file(file)) from None
     preset = known if isinstance(known, Preset) else load_preset(str(known))
     return PresetDistribution(nominal, preset), f"the preset {preset.name}"
 

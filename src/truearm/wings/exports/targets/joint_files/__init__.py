@@ -53,7 +53,7 @@ def read_joint_file(
             file=path,
             hint="save the same text under a name that ends in .yaml: JSON is YAML, which has comments",
         )
-    try:
+    with InputError.of_file(path):
         if suffix == ".parquet":
             check_readable(path, limit_bytes=MAX_BYTES)
             return read_parquet(path, arm, direction, angle_unit, motors)
@@ -63,8 +63,6 @@ def read_joint_file(
         if suffix in GCODE:
             return read_gcode(content, arm, direction)
         return read_csv(content, arm, direction, angle_unit, motors)
-    except InputError as error:
-        raise error if error.file is not None else error.in_file(path) from None
 
 
 def read_corrected(path: Path) -> None:
