@@ -371,6 +371,16 @@ def test_a_capital_u_is_said_to_be_read_as_a_standard_uncertainty(name):
         assert not found.remarks
 
 
+@pytest.mark.parametrize("turned", ["measurement_std_r{}", "std_r{}", "std_rot_{}", "u_q{}"])
+def test_deviations_of_orientations_are_no_uncertainties_of_points(turned):
+    of_points, of_turns = ([name.format(axis) for axis in "xyz"] for name in ("measurement_std_{}", turned))
+    points = [f"measurement_{axis}" for axis in "xyz"]
+    for columns in ([*of_points, *of_turns], [*of_turns, *of_points]):
+        found = recognise_program_columns([*numbered("J{}"), *points, *columns])
+        assert found.columns.point_std == tuple(of_points)
+    assert not recognise_program_columns([*numbered("J{}"), *points, *of_turns]).columns.point_std
+
+
 @pytest.mark.parametrize(
     ("angle", "point"),
     [

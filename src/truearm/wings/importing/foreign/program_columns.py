@@ -94,6 +94,7 @@ _INSTRUMENT = re.compile(
 _MEASURED = re.compile(r"meas|measured|measurement")
 _ACTUAL = re.compile(rf"actual|act|ist|{_MEASURED.pattern}")
 _STD = re.compile(r"u|s|std|sigma|unc|uncertainty|stdev")
+_TURNED = re.compile(r"[rwabcq]|rot|rotation|orientation|euler|quat|quaternion|angular|turn")
 _CAPITAL_U = re.compile(r"(?<![^\W_])U(?![^\W_xyzXYZ])")  # of an expanded uncertainty (JCGM 100, 6.2)
 _AXIS = re.compile(r"(?P<before>[^\W\d_]*?)(?P<axis>[xyz])(?P<after>m|coord|pos|座標|坐标)?")
 _OF_ROS = re.compile(r"field\.|/")  # as rostopic and PlotJuggler begin names
@@ -438,7 +439,8 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
         columns = tuple(axes[axis] for axis in "xyz")
         beside = "_".join(word.rstrip("*") for word in key[:-1] if word != "*")
         if _STD.fullmatch(beside) or any(_STD.fullmatch(w) for w in beside.split("_") if len(w) > 1):
-            found["point_std"] = _labels(columns)
+            if not _words_match(_TURNED, beside):
+                found["point_std"] = _labels(columns)
         elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
             remarks.append(
                 f"{_span(columns)} are the controller's own pose, which is no reference. Use "
