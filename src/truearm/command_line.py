@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import codecs
 import errno
+import gc
 import importlib
 import io
 import os
@@ -186,6 +188,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     arguments = sys.argv[1:] if arguments is None else arguments
     # Pydantic's plugins watch what it checks: to look for them it reads about every package that is installed.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    atexit.register(gc.freeze)  # the process ends: to look for garbage then takes a thirtieth of a small fit
     _settle_encodings()
     try:
         with _signals_unwind():

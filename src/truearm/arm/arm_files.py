@@ -38,7 +38,7 @@ Every ``_mm`` may be ``_m`` and every ``_deg`` may be ``_rad``, but not both at 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -90,7 +90,7 @@ class _Strict(BaseModel):
     def settled(self, quantity: str) -> FloatArray | None:
         """Return the quantity in mm or rad, whatever its unit in the file; None if it is missing."""
         for unit, factor in _UNITS.items():
-            value = getattr(self, f"{quantity}_{unit}", None)
+            value = vars(self).get(f"{quantity}_{unit}")  # sooner than pydantic's answer that there is none
             if value is not None:
                 return factor * np.asarray(value)
         return None
@@ -249,8 +249,10 @@ def _is_hayatis(table: DHTable, chain: Chain) -> bool:
 def _arm_of(file: _ArmFile) -> Arm:
     moving = [joint for joint in file.joints if joint.type != "fixed"]
     lower, upper, working = np.array([_states_of(joint) for joint in moving]).reshape(-1, 3).T
+    table = {q: np.array([_number(joint, q) for joint in file.joints]) for q in _COLUMNS}
+    rows: dict[str, Any] = table | {"kinds": [joint.type for joint in file.joints]}
     chain = chain_from_dh(
-        **_table_of(file),
+        **rows,
         base=_frame_of(file.base),
         flange=_frame_of(file.flange),
         tip_in_flange=_triple(file, "tip"),
@@ -267,9 +269,9 @@ def _arm_of(file: _ArmFile) -> Arm:
         source=file.source,
         serial_number=file.serial_number,
         nominal_error_mm=file.nominal_error_mm,
-        masses=_masses_of(file),
+        masses=_masses_of(file, row_end_frames(file.convention, **rows)),
         gravity_in_base=None if file.gravity_in_base is None else np.asarray(file.gravity_in_base),
-        table=_stated_table(file),
+        table=_stated_table(file, table),
     )
 
 
@@ -279,25 +281,20 @@ def _matrix_of(coupling: _Coupling) -> FloatArray:
     return np.array(coupling.matrix)
 
 
-def _stated_table(file: _ArmFile) -> DHTable | None:
+def _stated_table(file: _ArmFile, table: Mapping[str, FloatArray]) -> DHTable | None:
     """The table as it stands in the file; None if it has rows that are no joints."""
     if any(joint.type == "fixed" for joint in file.joints):
         return None
-    a, d, alpha, theta, beta, b = (np.array([_number(joint, name) for joint in file.joints]) for name in _COLUMNS)
     base, flange = (np.eye(4) if one is None else one for one in (_frame_of(file.base), _frame_of(file.flange)))
-    prismatic = np.array([joint.type == "prismatic" for joint in file.joints])
-    return DHTable(file.convention, a, d, alpha, theta, prismatic, base, flange, _triple(file, "tip"), beta, b)
+    prismatic, tip = np.array([joint.type == "prismatic" for joint in file.joints]), _triple(file, "tip")
+    return DHTable(file.convention, **table, prismatic=prismatic, base=base, flange=flange, tip_in_flange=tip)
 
 
-def _table_of(file: _ArmFile) -> dict[str, Any]:
-    return {q: [_number(joint, q) for joint in file.joints] for q in _COLUMNS} | {
-        "kinds": [joint.type for joint in file.joints]
-    }
+def _masses_of(file: _ArmFile, ends: Sequence[tuple[int, FloatArray]]) -> LinkMasses | None:
+    """Masses of the links, those of fixed rows with the link that carries them; what does not move has no effect.
 
-
-def _masses_of(file: _ArmFile) -> LinkMasses | None:
-    """Masses of the links, those of fixed rows with the link that carries them; what does not move has no effect."""
-    ends = row_end_frames(file.convention, **_table_of(file))
+    `ends` are those of `row_end_frames`.
+    """
     lumps = []
     for joint, (number, end) in zip(file.joints, ends, strict=True):
         if joint.mass_kg is not None and number > 0:

@@ -29,7 +29,7 @@ class _Blocks:
     def begin(self, loaded: tuple[bool, ...]) -> None:
         if self._depth == 0 or loaded != self._seen:  # a library loaded within a block starts with all threads
             self._seen = loaded
-            libraries = _libraries(loaded, of_each_thread=self._of_each_thread)
+            libraries = _libraries(loaded)[self._of_each_thread]
             if any(library.get_num_threads() != 1 for library in libraries.lib_controllers):
                 _let_this_thread_set()
                 self._limits.append(libraries.limit(limits=1))
@@ -96,17 +96,16 @@ def _loaded() -> tuple[bool, ...]:
 
 
 @cache
-def _libraries(loaded: tuple[bool, ...], *, of_each_thread: bool) -> ThreadpoolController:
-    """The BLAS libraries of the packages that are loaded; the search takes milliseconds."""
+def _libraries(loaded: tuple[bool, ...]) -> tuple[ThreadpoolController, ThreadpoolController]:
+    """The BLAS libraries of the packages that are loaded: with one number of threads, and with one of each thread.
+
+    The search takes milliseconds.
+    """
     del loaded
     found = ThreadpoolController().select(user_api="blas")
-    return found.select(
-        filepath=[
-            library.filepath
-            for library in found.lib_controllers
-            if (getattr(library, "threading_layer", None) == "openmp") is of_each_thread
-        ]
-    )
+    of_thread = [one.filepath for one in found.lib_controllers if getattr(one, "threading_layer", "") == "openmp"]
+    of_process = [one.filepath for one in found.lib_controllers if one.filepath not in of_thread]
+    return found.select(filepath=of_process), found.select(filepath=of_thread)
 
 
 def _let_this_thread_set() -> None:

@@ -63,8 +63,8 @@ def with_missing_terms(fit: IdentificationResult, complete: IdentificationResult
     complete : IdentificationResult
         With them, on the same nominal chain, from the same readings, linearised about `fit`.
     """
-    own = fit.perturbed_chain
-    added = [term for term in complete.perturbed_chain.terms if term not in set(own.terms)]
+    own, known = fit.perturbed_chain, set(fit.perturbed_chain.terms)
+    added = [term for term in complete.perturbed_chain.terms if term not in known]
     chain = PerturbedChain(own.chain, (*own.terms, *added))
     at, of = _places(chain, complete.perturbed_chain)
     n = chain.n_coefficients
