@@ -1,6 +1,5 @@
 """Options of the commands: one name is one thing, and what it was called before is answered."""
 
-import gc
 import importlib
 import inspect
 import subprocess
@@ -18,7 +17,7 @@ from refusals import refuses
 from truearm.command_line import OTHER_NAMES
 from truearm.models import HybridModel, NetworkModel
 from truearm.verbs.commands import MODELS_OF, PARAMETERS
-from truearm.verbs.options import KINDS, Source, imported, of_verb, parameters_described
+from truearm.verbs.options import KINDS, Source, of_verb, parameters_described
 
 # What an option means where commands say it in their own words.
 MEANINGS = {
@@ -286,24 +285,3 @@ def test_help_comes_without_the_heavy_packages():
 
 def test_a_command_refuses_what_its_verb_refuses():
     refuses("expected 1 to 100000 virtual arms, got 0", called, "verify", "simulate", "shop", arms=0)
-
-
-@pytest.mark.parametrize("module", ["colorsys", "truearm.none"])
-def test_garbage_is_looked_for_again_after_a_module_is_imported(module, monkeypatch):
-    """Also after one that cannot be: what a command that runs for days leaves is found."""
-    monkeypatch.delitem(sys.modules, module, raising=False)
-    try:
-        assert imported(module) is sys.modules[module]
-    except ModuleNotFoundError:
-        assert module == "truearm.none"
-    assert gc.isenabled()
-
-
-def test_a_caller_who_does_not_look_for_garbage_does_not_afterwards(monkeypatch):
-    monkeypatch.delitem(sys.modules, "colorsys", raising=False)
-    gc.disable()
-    try:
-        imported("colorsys")
-        assert not gc.isenabled()
-    finally:
-        gc.enable()

@@ -6,9 +6,7 @@ A command and its verb say the same once (`of_verb`).
 from __future__ import annotations
 
 import ast
-import gc
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, wraps
@@ -16,7 +14,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, get_origin
 
 import typer
@@ -259,7 +256,7 @@ class of_verb:
 
         @wraps(command)
         def with_options(**given: Any) -> None:
-            command(getattr(imported(module), name), **given)
+            command(getattr(import_module(module), name), **given)
 
         verb = Source.of(module, name)
         of_the_verb = self._options(verb, {*(one.name for one in own), *self.omit, "executor", "progress"})
@@ -351,20 +348,6 @@ class Group(TyperGroup):
         app = typer.Typer(add_completion=False, rich_markup_mode=None)
         app.command(cmd_name)(complete())
         return typer.main.get_command(app)
-
-
-def imported(module: str) -> ModuleType:
-    """A module, with all that it imports kept: to look for garbage there takes a twentieth of a small fit."""
-    if module in sys.modules:
-        return sys.modules[module]
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        return import_module(module)
-    finally:
-        gc.freeze()
-        if was_enabled:
-            gc.enable()
 
 
 def parameters_described(docstring: str) -> dict[str, str]:
