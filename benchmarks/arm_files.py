@@ -17,9 +17,10 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target
-from truearm.arm import Arm, Chain, chain_from_dh, load_arm, read_ur_kinematics
+from truearm.arm import Arm, Chain, chain_from_dh, load_arm
 from truearm.arm.denavit_hartenberg import DHTable
 from truearm.arm.description_mistakes import Interpretation, Mistake, likely_mistakes
+from truearm.arm.kinematics_yaml import read_ur_kinematics
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, screw_x, screw_z
 from truearm.arm.urdf import Ends, find_ends
 from truearm.arm.urdf_tree import UrdfTree

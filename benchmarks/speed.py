@@ -22,7 +22,8 @@ import numpy as np
 
 import truearm as ta
 from benchmarks.rows import RowResult, Rows, Target, cpu_seconds_of, scratch, times_of, times_of_each
-from truearm.arm import Chain, load_arm, write_urdf
+from truearm.arm import Chain, load_arm
+from truearm.arm.urdf import write_urdf
 from truearm.identification.estimation.covariance_root import CovarianceRoot
 from truearm.identification.estimation.identification_result import ComposedArm
 from truearm.models import Compensator, KinematicModel, NominalModel, PhysicalModel

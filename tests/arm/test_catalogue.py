@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 
 from refusals import refuses
-from truearm.arm import list_arms, load_arm, read_urdf, write_arm
+from truearm.arm import list_arms, load_arm, write_arm
 from truearm.arm.catalogue import known_name, maker_of
+from truearm.arm.urdf import read_urdf
 
 DOCUMENTED = Path(__file__).parents[2] / "docs" / "arms.md"
 POSES = tomllib.loads((Path(__file__).parent / "catalogue_poses.toml").read_text("utf-8"))

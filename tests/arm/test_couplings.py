@@ -7,8 +7,9 @@ import pytest
 
 import truearm as ta
 from refusals import refuses
-from truearm.arm import load_arm, read_arm, read_urdf, write_arm
+from truearm.arm import load_arm, read_arm, write_arm
 from truearm.arm.couplings import coupling_text, parse_coupling
+from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 from truearm.readings import Session
 from truearm.wings.exports.formats import c_source

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from refusals import refuses
-from truearm.arm import chain_from_dh, read_ur_kinematics
-from truearm.arm.kinematics_yaml import JOINTS, LINKS, ur_hash
+from truearm.arm import chain_from_dh
+from truearm.arm.kinematics_yaml import JOINTS, LINKS, read_ur_kinematics, ur_hash
 from truearm.arm.rigid_motions import screw_x, screw_z
 from truearm.files.foreign_documents import MAX_DEPTH, parse_yaml
 from truearm.wings.exports.formats.joint_offsets import yaml_number

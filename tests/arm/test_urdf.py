@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from refusals import refuses
-from truearm.arm import Arm, Chain, list_arms, load_arm, read_urdf, write_urdf
+from truearm.arm import Arm, Chain, list_arms, load_arm
 from truearm.arm.catalogue import arm_path
-from truearm.arm.urdf import MAX_BYTES
+from truearm.arm.urdf import MAX_BYTES, read_urdf, write_urdf
 from truearm.errors import InputError
 from truearm.identification.terms import gravity_loads, uniform_links
 

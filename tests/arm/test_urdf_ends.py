@@ -7,7 +7,8 @@ import pytest
 
 import truearm as ta
 from refusals import refuses
-from truearm.arm import Chain, load_arm, read_urdf
+from truearm.arm import Chain, load_arm
+from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 
 

@@ -6,9 +6,7 @@ from truearm.arm.catalogue import list_arms, load_arm
 from truearm.arm.chain import Chain, Pose, TipDerivatives, exponential_derivative
 from truearm.arm.denavit_hartenberg import DHTable, chain_from_dh, chain_from_mdh, dh_table, mdh_table
 from truearm.arm.inverse_kinematics import InverseKinematicsResult, solve_inverse_kinematics
-from truearm.arm.kinematics_yaml import read_ur_kinematics
 from truearm.arm.nearest_table import drawn_table, nearest_table
-from truearm.arm.urdf import read_urdf, write_urdf
 
 __all__ = [
     "Arm",
@@ -28,9 +26,6 @@ __all__ = [
     "mdh_table",
     "nearest_table",
     "read_arm",
-    "read_ur_kinematics",
-    "read_urdf",
     "solve_inverse_kinematics",
     "write_arm",
-    "write_urdf",
 ]

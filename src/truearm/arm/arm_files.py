@@ -38,7 +38,7 @@ Every ``_mm`` may be ``_m`` and every ``_deg`` may be ``_rad``, but not both at 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -51,10 +51,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from truearm.arm.arm import Arm, LinkMasses, PointMass, combine_point_masses
 from truearm.arm.chain import Chain
 from truearm.arm.denavit_hartenberg import DHTable, Kind, chain_from_dh, dh_table, mdh_table, row_end_frames
-from truearm.arm.kinematics_yaml import read_kinematics_yaml
-from truearm.arm.mjcf import read_mjcf
 from truearm.arm.rigid_motions import frame_from_xyz_rpy, xyz_rpy_from_frame
-from truearm.arm.urdf import read_urdf, write_urdf
 from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
@@ -198,15 +195,18 @@ def read_arm(path: str | Path) -> Arm:
         If the file is missing, of another kind, or breaks a rule of its format; with the key.
     """
     path = Path(path)
-    if path.suffix.lower() in (".urdf", ".xacro"):
-        return read_urdf(path)
-    if path.suffix.lower() == ".xml":
-        return read_mjcf(path)
-    if path.suffix.lower() in (".yaml", ".yml"):
-        return read_kinematics_yaml(path)
-    if path.suffix.lower() != ".toml":
+    if path.suffix.lower() == ".toml":
+        return parse_file(path, lambda content: _arm_of(parse_toml(content, _ArmFile)), limit_bytes=MAX_BYTES)
+    from truearm.arm import kinematics_yaml, mjcf, urdf  # no arm of the catalogue waits for XML and YAML
+
+    readers: dict[str, Callable[[Path], Arm]] = {
+        **dict.fromkeys((".urdf", ".xacro"), urdf.read_urdf),
+        ".xml": mjcf.read_mjcf,
+        **dict.fromkeys((".yaml", ".yml"), kinematics_yaml.read_kinematics_yaml),
+    }
+    if path.suffix.lower() not in readers:
         raise InputError(f"an arm file ends in .toml, .urdf, .xml or .yaml, got {path.suffix!r}", file=path)
-    return parse_file(path, lambda content: _arm_of(parse_toml(content, _ArmFile)), limit_bytes=MAX_BYTES)
+    return readers[path.suffix.lower()](path)
 
 
 def write_arm(
@@ -230,6 +230,8 @@ def write_arm(
     """
     path = Path(path)
     if path.suffix.lower() == ".urdf":
+        from truearm.arm.urdf import write_urdf
+
         write_urdf(arm, path)
         return
     if path.suffix.lower() != ".toml":

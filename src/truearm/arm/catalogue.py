@@ -13,8 +13,6 @@ import numpy as np
 
 from truearm.arm.arm import Arm
 from truearm.arm.arm_files import read_arm
-from truearm.arm.mjcf import read_mjcf
-from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 
 # With one of them begins the title of every arm that has a maker.
@@ -83,7 +81,9 @@ def load_arm(arm: str | Path, *, base: str | None = None, tip: str | None = None
     if base or tip:
         if path.suffix.lower() not in (".urdf", ".xml"):
             raise InputError(f"only a URDF or MJCF has links to choose as base and tip, got the arm {str(arm)!r}")
-        return (read_mjcf if path.suffix.lower() == ".xml" else read_urdf)(path, base=base, tip=tip)
+        from truearm.arm import mjcf, urdf  # no arm of the catalogue waits for XML
+
+        return (mjcf.read_mjcf if path.suffix.lower() == ".xml" else urdf.read_urdf)(path, base=base, tip=tip)
     name = None if isinstance(arm, Path) or path.suffix.lower() in _FILE_SUFFIXES else known_name(arm)
     if name is not None:
         return _of_catalogue(name)

@@ -99,12 +99,12 @@ def read_mjcf(path: str | Path, *, base: str | None = None, tip: str | None = No
     ----------
     path : path
     base, tip : str, optional
-        Names of bodies, the tip also of a site; found as in `truearm.arm.read_urdf`.
+        Names of bodies, the tip also of a site; found as in `truearm.arm.urdf.read_urdf`.
 
     Raises
     ------
     InputError
-        If the file is missing, too large or no MJCF, includes another one on the way, or as `truearm.arm.read_urdf`.
+        If the file is missing, too large or no MJCF, includes another one on the way, or as `read_urdf`.
     """
 
     def parsed(content: bytes) -> Arm:

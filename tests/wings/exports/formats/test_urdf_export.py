@@ -8,8 +8,8 @@ import pytest
 
 import truearm as ta
 from refusals import refuses
-from truearm.arm import read_urdf
 from truearm.arm.chain import Chain
+from truearm.arm.urdf import read_urdf
 from truearm.errors import InputError
 from truearm.wings.exports.formats import urdf
 from truearm.wings.exports.formats.rigid_arm import RigidArm

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.acceptance import contradict
-from truearm.arm import Arm, load_arm, read_ur_kinematics
-from truearm.arm.kinematics_yaml import JOINTS, LINKS, parse_ur_kinematics, ur_hash
+from truearm.arm import Arm, load_arm
+from truearm.arm.kinematics_yaml import JOINTS, LINKS, parse_ur_kinematics, read_ur_kinematics, ur_hash
 from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError

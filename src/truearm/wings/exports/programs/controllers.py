@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.arm import Chain, read_ur_kinematics
+from truearm.arm import Chain
+from truearm.arm.kinematics_yaml import read_ur_kinematics
 from truearm.arm.rigid_motions import inverse, screw_x, screw_z
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
