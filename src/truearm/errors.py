@@ -77,18 +77,19 @@ class InputError(TruearmError, ValueError):
         """All faults that were found, each an error of its own: this one alone, unless it is `SeveralFaults`."""
         return (self,)
 
-    def in_file(self, file: str | Path) -> InputError:
-        """The same error, found in `file`."""
-        return type(self)(self.problem, file=file, line=self.line, column=self.column, hint=self.hint, row=self.row)
+    def in_file(self, file: str | Path, line: int | None = None) -> InputError:
+        """The same error, found in `file`, in its own line or another one."""
+        line = line if self.line is None else self.line
+        return type(self)(self.problem, file=file, line=line, column=self.column, hint=self.hint, row=self.row)
 
     @classmethod
     @contextmanager
-    def of_file(cls, file: str | Path | None) -> Iterator[None]:
-        """The errors of a block are of a file, unless they name one themselves; None: they stay as they are."""
+    def of_file(cls, file: str | Path | None, line: int | None = None) -> Iterator[None]:
+        """The errors of a block are of a file and a line, unless they name one themselves; None: they stay."""
         try:
             yield
         except InputError as error:
-            raise error if file is None or error.file is not None else error.in_file(file) from None
+            raise error if file is None or error.file is not None else error.in_file(file, line) from None
 
     def with_hint(self, hint: str) -> InputError:
         """The same error with another hint."""
@@ -133,9 +134,9 @@ class SeveralFaults(InputError):
         """All faults."""
         return self._faults
 
-    def in_file(self, file: str | Path) -> SeveralFaults:
+    def in_file(self, file: str | Path, line: int | None = None) -> SeveralFaults:
         """The same faults, found in `file`."""
-        return SeveralFaults([fault.in_file(file) for fault in self._faults])
+        return SeveralFaults([fault.in_file(file, line) for fault in self._faults])
 
     def with_hint(self, hint: str) -> SeveralFaults:
         """The same faults, the last with another hint."""

@@ -87,6 +87,11 @@ def recognise_columns(
         If a column is unknown, has no unit, is repeated or is missing.
     """
     check_header(names, file=file, line=line)
+    with InputError.of_file(file, line):
+        return _sorted(names, n_joints)
+
+
+def _sorted(names: Sequence[str], n_joints: int | None) -> Columns:
     angles: dict[int, str] = {}
     points: dict[str, str] = {}
     together: dict[str, str] = {}
@@ -94,9 +99,9 @@ def recognise_columns(
     loads, words = [], []
     for name in names:
         if match := ANGLE.fullmatch(name):
-            _once(angles, int(match[1]), name, file, line)
+            _once(angles, int(match[1]), name)
         elif match := _POINT.fullmatch(name):
-            _once(points, match[1], name, file, line)
+            _once(points, match[1], name)
         elif name in QUATERNION or name in SPHERE_DISTANCE:
             together[name] = name
         elif match := _DIRECTION.fullmatch(name):
@@ -106,19 +111,17 @@ def recognise_columns(
         elif name in NAMED:
             words.append(name)
         elif name not in (TEMPERATURE, *SHARED_UNCERTAINTIES, *ANCHOR_DISTANCE) and not name.startswith("note"):
-            raise InputError(
-                f"unknown column {quoted_cell(name)}", file=file, line=line, column=name, hint=_meant(name, names)
-            )
-    joints = _joints(angles, file, line, n_joints)
+            raise InputError(f"unknown column {quoted_cell(name)}", column=name, hint=_meant(name, names))
+    joints = _joints(angles, n_joints)
     return Columns(
         joints,
-        _together("xyz", points, file, line),
-        _std(points, file, line),
-        _together(QUATERNION, together, file, line),
-        _together(SPHERE_DISTANCE, together, file, line),
+        _together("xyz", points),
+        _std(points),
+        _together(QUATERNION, together),
+        _together(SPHERE_DISTANCE, together),
         tuple(name for name in ANCHOR_DISTANCE if name in names),
         (TEMPERATURE,) if TEMPERATURE in names else (),
-        _directions(directions, len(joints), file, line),
+        _directions(directions, len(joints)),
         tuple(name for name in SHARED_UNCERTAINTIES if name in names),
         tuple(loads),
         tuple(words),
@@ -286,24 +289,20 @@ def _check_whole(names: Sequence[str], values: FloatArray, *, file: Path | None,
         )
 
 
-def _once(found: dict[_Key, str], key: _Key, name: str, file: Path | None, line: int | None) -> None:
+def _once(found: dict[_Key, str], key: _Key, name: str) -> None:
     if key in found:
         raise InputError(
             f"{found[key]} and {name} are the same quantity in two units",
-            file=file,
-            line=line,
             column=name,
             hint="delete one of the two columns",
         )
     found[key] = name
 
 
-def _joints(found: dict[int, str], file: Path | None, line: int | None, n_joints: int | None) -> tuple[str, ...]:
+def _joints(found: dict[int, str], n_joints: int | None) -> tuple[str, ...]:
     if not found:
         raise InputError(
             "expected joint angles in columns q1_deg, q2_deg, .. (or q1_rad, ..; q1_mm for a sliding joint), got none",
-            file=file,
-            line=line,
             hint="`truearm import` for tables with other column names",
         )
     last = max(found)
@@ -312,36 +311,29 @@ def _joints(found: dict[int, str], file: Path | None, line: int | None, n_joints
         if i not in found:
             raise InputError(
                 f"the column of joint {i} is missing: expected q{i}_deg, q{i}_rad or q{i}_mm, got {shown}",
-                file=file,
-                line=line,
                 hint="name the joints 1, 2, 3, .. from the base to the tip",
             )
     if n_joints is not None and last != n_joints:
         raise InputError(
-            f"expected {n_joints} joints, got {last} (q1 .. q{last})",
-            file=file,
-            line=line,
-            hint="check that the file belongs to this arm",
+            f"expected {n_joints} joints, got {last} (q1 .. q{last})", hint="check that the file belongs to this arm"
         )
     return tuple(found[i] for i in range(1, last + 1))
 
 
-def _directions(found: dict[int, str], n_joints: int, file: Path | None, line: int | None) -> tuple[str, ...]:
+def _directions(found: dict[int, str], n_joints: int) -> tuple[str, ...]:
     """One for each joint, or none."""
     if found and sorted(found) != list(range(1, n_joints + 1)):
         shown = ", ".join(found[i] for i in sorted(found))
         raise InputError(
             f"expected a direction of movement for each of {n_joints} joints, direction_1 .. direction_{n_joints}, "
             f"got {shown}",
-            file=file,
-            line=line,
             column=found[max(found)],
             hint="0 for a joint whose last movement is not known",
         )
     return tuple(found[i] for i in sorted(found))
 
 
-def _together(keys: Sequence[str], found: dict[str, str], file: Path | None, line: int | None) -> tuple[str, ...]:
+def _together(keys: Sequence[str], found: dict[str, str]) -> tuple[str, ...]:
     """Return the columns of all `keys`, or none of them."""
     missing = [key for key in keys if key not in found]
     if len(missing) == len(keys):
@@ -350,20 +342,14 @@ def _together(keys: Sequence[str], found: dict[str, str], file: Path | None, lin
         present = ", ".join(found[key] for key in keys if key in found)
         unit = found[next(key for key in keys if key in found)].partition("_")[2] if len(keys) == 3 else ""
         name = f"{missing[0]}_{unit}" if unit else missing[0]
-        raise InputError(
-            f"the column {name} is missing beside {present}", file=file, line=line, hint="all of them, or none"
-        )
+        raise InputError(f"the column {name} is missing beside {present}", hint="all of them, or none")
     return tuple(found[key] for key in keys)
 
 
-def _std(found: dict[str, str], file: Path | None, line: int | None) -> tuple[str, ...]:
-    std = _together(("sx", "sy", "sz"), found, file, line)
+def _std(found: dict[str, str]) -> tuple[str, ...]:
+    std = _together(("sx", "sy", "sz"), found)
     if std and "x" not in found:
-        raise InputError(
-            f"{std[0]} .. are uncertainties of a reference point, but x_mm, y_mm and z_mm are missing",
-            file=file,
-            line=line,
-        )
+        raise InputError(f"{std[0]} .. are uncertainties of a reference point, but x_mm, y_mm and z_mm are missing")
     return std
 
 

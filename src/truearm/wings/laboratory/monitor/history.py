@@ -152,17 +152,13 @@ class HistoryFile:
         if identity != APPLICATION_ID:
             raise self._foreign("an SQLite file of another program")
         if version > VERSION:
-            raise InputError(
-                f"expected a history of version {VERSION}, got version {version}",
-                file=self.path,
-                hint="update truearm to read it",
-            )
+            problem = f"expected a history of version {VERSION}, got version {version}"
+            raise self.error(problem, "update truearm to read it")
         if 0 < version < VERSION:
-            raise InputError(
+            raise self.error(
                 f"expected a history of version {VERSION}, got version {version}, which was never released and is no "
                 "longer read",
-                file=self.path,
-                hint="keep the file, and name a new file to start a new history",
+                "keep the file, and name a new file to start a new history",
             )
         if version != VERSION or made - _STATISTICS != {_TABLE, _HEAD}:
             raise self._damaged("its tables are not those of a history")
@@ -176,18 +172,12 @@ class HistoryFile:
             raise self._damaged(str(error)) from None
 
     def _foreign(self, what: str) -> InputError:
-        return InputError(
-            f"expected a history of checks, got {what}",
-            file=self.path,
-            hint="name another file: the first check creates it",
-        )
+        hint = "name another file: the first check creates it"
+        return self.error(f"expected a history of checks, got {what}", hint)
 
     def _damaged(self, why: str) -> InputError:
-        return InputError(
-            f"the history is damaged ({why})",
-            file=self.path,
-            hint="restore the file from a backup, or name a new file to start a new history",
-        )
+        hint = "restore the file from a backup, or name a new file to start a new history"
+        return self.error(f"the history is damaged ({why})", hint)
 
 
 def _insert(database: sqlite3.Connection, text: str, before: HistoryRows) -> None:
