@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Context, Exit, Option, Typer
 
@@ -23,12 +26,27 @@ from truearm.wings.laboratory.verbs.commands import (
 )
 from truearm.wings.laboratory.verbs.verify_command import Trusted
 
+if TYPE_CHECKING:
+    from truearm.wings.fleet.fleet import Fleet
+
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 Verify = Annotated[
     bool, Option("--verify", help="Read every session file, also those of which size and time are as they were.")
 ]
 
 fleet = Typer(rich_markup_mode=None, no_args_is_help=True, help="Keep many arms: fit them, list their states.")
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[Fleet]:
+    """The fleet of a folder, closed at the end."""
+    from truearm.wings.fleet.fleet import Fleet  # no help waits for it
+
+    found = Fleet(folder)
+    try:
+        yield found
+    finally:
+        found.close()
 
 
 @fleet.command()
@@ -73,19 +91,15 @@ def add(
     """
     from truearm.errors import InputError
     from truearm.wings.fleet.arm_list import read_arm_list
-    from truearm.wings.fleet.fleet import Fleet
 
     if (arms is None) == (serial_number is None):
         raise InputError("expected one arm (SERIAL ARM) or --list TABLE")
-    opened = Fleet(folder)
-    if arms is not None:
-        with progress(f"adding arms of {arms.name}"):
-            n = opened.add_all(read_arm_list(arms), beside=arms.absolute().parent)
-    else:
-        assert serial_number is not None
-        with progress(f"adding {serial_number}"):
-            n = opened.add(serial_number, arm, session=session, site=site, model=model, every_days=every_days)
-    opened.close()
+    with opened(folder) as found, progress(f"adding {serial_number if arms is None else f'arms of {arms.name}'}"):
+        if arms is not None:
+            n = found.add_all(read_arm_list(arms), beside=arms.absolute().parent)
+        else:
+            assert serial_number is not None
+            n = found.add(serial_number, arm, session=session, site=site, model=model, every_days=every_days)
     print_line(f"{n} new in the registry. Next: truearm fleet run {folder}" if n else "Nothing is new.")
 
 
@@ -99,11 +113,9 @@ def remove(
     and the results of its fits (Parquet) stay.
     """
     from truearm.verbs.record import number_of
-    from truearm.wings.fleet.fleet import Fleet
 
-    opened = Fleet(folder)
-    gone = opened.remove(serial_number)
-    opened.close()
+    with opened(folder) as found:
+        gone = found.remove(serial_number)
     counts = [number_of(gone[table], table[:-1]) for table in ("sessions", "fits", "checks", "certificates")]
     print_line(
         f"{serial_number} is no longer in the registry, nor are its {', '.join(counts)}. "
@@ -128,15 +140,13 @@ def add_certificate(
     from datetime import date
 
     from truearm.errors import InputError
-    from truearm.wings.fleet.fleet import Fleet
 
     try:
         day = None if due is None else date.fromisoformat(due)
     except ValueError:
         raise InputError(f"expected a day after --due, got {due!r}", hint="--due 2027-11-03") from None
-    opened = Fleet(folder)
-    n = opened.add_certificates(files, due=day, trusted=trusted)
-    opened.close()
+    with opened(folder) as found:
+        n = found.add_certificates(files, due=day, trusted=trusted)
     print_line(f"{n} new in the registry. Next: truearm fleet status {folder}" if n else "Nothing is new.")
 
 
@@ -161,28 +171,21 @@ def check(
     The history of its checks is in the registry. As truearm check, which explains the options. Exit code 0: no need to
     recalibrate; 1: recalibrate; 3: undecided (repeat the check), or not enough checks.
     """
-    from truearm.wings.fleet.fleet import Fleet
     from truearm.wings.laboratory.verbs.check import withdraw_check
 
     if withdrawn is not None:
         stated = needed_reason(context, reason)
         check_page_path(page)
-        opened = Fleet(folder)
-        model, history = opened.model(serial_number), opened.history(serial_number)
-        print_withdrawal(withdraw_check(model, history, withdrawn, reason=stated), page, as_json=as_json)
-        opened.close()
+        with opened(folder) as found:
+            model, history = found.model(serial_number), found.history(serial_number)
+            print_withdrawal(withdraw_check(model, history, withdrawn, reason=stated), page, as_json=as_json)
         return
     file = needed_session(context, session, "truearm fleet check FOLDER SERIAL SESSION")
     check_page_path(page, file, lengths, mpe)
-    opened = Fleet(folder)
-    print_check(
-        lambda: opened.check(
-            *(serial_number, file), lengths=lengths, specification=mpe, retired=retired or (), date=date, accept=accept
-        ),
-        file,
-        page,
-        as_json=as_json,
-    )
+    given: dict[str, Any] = {"lengths": lengths, "specification": mpe, "retired": retired or ()}
+    with opened(folder) as found:
+        checked = partial(found.check, serial_number, file, **given, date=date, accept=accept)
+        print_check(checked, file, page, as_json=as_json)
 
 
 @fleet.command()
@@ -202,13 +205,10 @@ def run(
     no model in force. Results are the same whoever computes. Exit code 1: some arms failed, now or before.
     """
     from truearm.solve.executors import chosen_executor
-    from truearm.wings.fleet.fleet import Fleet
 
     executor = chosen_executor(workers, scheduler)
-    opened = Fleet(folder)
-    with progress(f"fitting {folder.name}") as update:
-        result = opened.run(executor, prior=prior, verify=verify, progress=update)
-    opened.close()
+    with opened(folder) as found, progress(f"fitting {folder.name}") as update:
+        result = found.run(executor, prior=prior, verify=verify, progress=update)
     print_record(result, as_json=as_json)
     raise Exit(1 if result.failures else 0)
 
@@ -220,11 +220,8 @@ def status(folder: Folder, verify: Verify = False, as_json: options.Json = False
     First come arms for which something is to be done, then those whose constants differ most from before, or from those
     of their type.
     """
-    from truearm.wings.fleet.fleet import Fleet
-
-    opened = Fleet(folder)
-    print_record(opened.status(verify=verify), as_json=as_json)
-    opened.close()
+    with opened(folder) as found:
+        print_record(found.status(verify=verify), as_json=as_json)
 
 
 @fleet.command()
@@ -233,12 +230,8 @@ def report(folder: Folder, page: Annotated[Path, Option(help="Page to write, .ht
 
     The page of all arms is filtered as you type; those of the arms stand in a folder beside it.
     """
-    from truearm.wings.fleet.fleet import Fleet
-
-    opened = Fleet(folder)
-    with progress(f"writing {page.name}", total=opened.n_arms) as update:
-        n = opened.write_pages(page, progress=update)
-    opened.close()
+    with opened(folder) as found, progress(f"writing {page.name}", total=found.n_arms) as update:
+        n = found.write_pages(page, progress=update)
     print_line(f"page written to {page}, with {n} pages of arms beside it")
 
 
@@ -260,14 +253,12 @@ def prior(
     not, and nothing is written.
     """
     from truearm.solve.executors import chosen_executor
-    from truearm.wings.fleet.fleet import Fleet
 
     check_new_output(out, force=force)
-    executor, opened = chosen_executor(workers, scheduler), Fleet(folder)
-    with progress(f"learning from {folder.name}") as update:
-        learned = opened.type_prior(arm, executor=executor, progress=update)
+    executor = chosen_executor(workers, scheduler)
+    with opened(folder) as found, progress(f"learning from {folder.name}") as update:
+        learned = found.type_prior(arm, executor=executor, progress=update)
         if learned.helps:
             learned.save(out)
-    opened.close()
     print_record(learned, as_json=as_json, files={"prior": out if learned.helps else None})
     raise Exit(0 if learned.helps else 1)
