@@ -128,6 +128,14 @@ def rng() -> np.random.Generator:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _no_test_waits_for_the_disk():
+    """Nothing here outlives a power cut; that files are synchronised before their names is asked of the calls."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("os.fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _dates_of_tests_have_come():
     """A day on which the made-up points have been measured, whatever the clock of this machine shows."""
     with pytest.MonkeyPatch.context() as patch:

@@ -21,7 +21,7 @@ def killed_once(task: tuple[int, str]) -> int:
 
 def killed_always(number: int) -> int:
     if number == 2:
-        time.sleep(1)  # as a fit would take; a worker that dies while it starts is another matter
+        time.sleep(0.4)  # as a fit would take; a worker that dies while it starts is another matter
         os.kill(os.getpid(), signal.SIGKILL)
     return number
 

@@ -138,11 +138,11 @@ def fit_all_and_keep(fit_all, samples, model, *others):
 @pytest.fixture(scope="module")
 def physical_by_sums():
     """Of readings at one temperature, and at many: what is fitted, and the model of its sample."""
-    samples, training = [], ta.simulate("ur10", poses=1200, seed=1).session
-    sessions = [replace(training, temperature_degC=np.full(1200, 20.5)), training]
+    samples, training = [], ta.simulate("ur10", poses=800, seed=1).session
+    sessions = [replace(training, temperature_degC=np.full(800, 20.5)), training]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "SAMPLE", 600)
-        patch.setattr(fit_module, "MOST_AT_ONCE", 1000)
+        patch.setattr(module, "SAMPLE", 400)
+        patch.setattr(fit_module, "MOST_AT_ONCE", 700)
         patch.setattr(fit_sums, "fit_all", partial(fit_all_and_keep, fit_sums.fit_all, samples))
         found = [ta.fit("ur10", session, model="physical") for session in sessions]
     return list(zip(sessions, found, samples, strict=True))
@@ -150,11 +150,11 @@ def physical_by_sums():
 
 @pytest.mark.parametrize("model", [pytest.param("nominal", marks=pytest.mark.weekly), "kinematic"])
 def test_rounding_of_the_angles_is_in_the_sums(model, monkeypatch):
-    session = ta.simulate("ur10", poses=1500, seed=1).session
+    session = ta.simulate("ur10", poses=1000, seed=1).session
     session = replace(session, angles=np.radians(np.round(np.degrees(session.angles), 1)))
     whole = ta.fit("ur10", session, model=model).model
-    monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 1000)
-    monkeypatch.setattr(module, "SAMPLE", 600)
+    monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 700)
+    monkeypatch.setattr(module, "SAMPLE", 400)
     found = ta.fit("ur10", session, model=model)
     assert found.all_readings.total.sums.n_gross == 0
     u = np.sqrt(np.trace(whole.fit_.tip_covariance(whole.at(session).state), 0, 1, 2))

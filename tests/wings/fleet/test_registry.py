@@ -29,7 +29,7 @@ from truearm.wings.fleet.fleet import Fleet
 from truearm.wings.fleet.registry import Registry
 from truearm.wings.laboratory.monitor.interim_check import CheckValue, InterimCheck
 
-N_WRITERS, N_EACH = 8, 12
+N_WRITERS, N_EACH = 8, 8
 
 
 def row_of(number: int) -> FitRow:
@@ -157,7 +157,7 @@ class Server:
         assert ran.returncode == 0, ran.stdout + ran.stderr
 
     def start(self) -> None:
-        options = f"-p {self.port} -c listen_addresses=127.0.0.1 -k {self.folder}"
+        options = f"-F -p {self.port} -c listen_addresses=127.0.0.1 -k {self.folder}"
         log = str(self.folder / "log")
         self.run("pg_ctl", "-w", "-D", str(self.folder / "data"), "-l", log, "-o", options, "start")
 
@@ -166,8 +166,9 @@ class Server:
         self.run("pg_ctl", "-w", "-D", str(self.folder / "data"), "-m", "immediate", "stop")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def server():
+    """A server of two databases: postgres, and fleets."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -175,6 +176,7 @@ def server():
     with tempfile.TemporaryDirectory(prefix="truearm-postgresql-") as folder:
         found = Server(Path(folder), port)
         found.start()
+        found.run("createdb", "-h", "127.0.0.1", "-p", str(port), "-U", "fleet", "fleets")
         yield found
         found.kill()
 
@@ -193,7 +195,7 @@ def test_eight_writers_of_a_server_that_is_killed_and_started_again(server, monk
 
 def test_a_server_that_is_lost_in_a_run_is_said_and_the_next_run_does_the_rest(server, tmp_path, monkeypatch):
     sessions = [tmp_path / f"{i}.csv" for i in range(3)]
-    url = f"postgresql+psycopg://fleet@127.0.0.1:{server.port}/postgres"
+    url = f"postgresql+psycopg://fleet@127.0.0.1:{server.port}/fleets"
     fleet = Fleet.create(tmp_path / "fleet", database=url)
     for i, path in enumerate(sessions):
         ta.simulate("ur10", poses=12, seed=i, arm_seed=i).save(path)

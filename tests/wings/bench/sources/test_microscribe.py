@@ -133,7 +133,8 @@ def test_torn_and_disturbed_answers_are_no_samples(impatient):
         assert sample.joint_angles_rad == pytest.approx(angles_of(COUNTS, TURNS), abs=1e-15)
 
 
-def test_an_arm_that_is_switched_off_and_on_is_found_again(impatient):
+def test_an_arm_that_is_switched_off_and_on_is_found_again(impatient, monkeypatch):
+    monkeypatch.setattr(protocol, "MOST_ERRORS", 2)
     with tcp_device(Arm(polls=3), Arm()) as port:
         samples, notices = samples_of(microscribe(f"tcp:127.0.0.1:{port}"), 6)
     assert len(samples) == 6

@@ -82,7 +82,9 @@ def test_counts_of_the_servos_become_angles(name, file):
 
 
 @both
-def test_disturbed_answers_are_no_samples(name, file):
+def test_disturbed_answers_are_no_samples(name, file, monkeypatch):
+    monkeypatch.setattr(servo_bus, "ANSWER_S", 0.3)  # five are waited for in vain
+
     def change(asked: int, answers: list[bytes]) -> list[bytes]:
         whole = b"".join(answers)
         if asked == 1:  # a bit of a position

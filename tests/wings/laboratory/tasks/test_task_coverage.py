@@ -81,7 +81,7 @@ def test_intervals_of_two_points_hold_what_they_say(models, true_errors, length)
 
     A binomial share of 200 has 1.5 %; the coverages of single arms scatter by about 5 %, the mean of eight by 1.8 %.
     """
-    inside, _, times = shares(models, true_errors, length_at(MIDDLE, ACROSS, length), 200)
+    inside, _, times = shares(models, true_errors, length_at(MIDDLE, ACROSS, length), 100)
     assert inside > 0.95 - 3 * np.hypot(0.015, 0.018)
     # Nor are they too wide: errors are as large as the standard uncertainty.
     assert 0.75 < times < 1.25
