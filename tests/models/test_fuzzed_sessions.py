@@ -51,7 +51,9 @@ def session(rng: np.random.Generator) -> tuple[Session, Lengths | None]:
 
 
 @pytest.mark.parametrize("examples", [4, pytest.param(40, marks=pytest.mark.weekly)])
-@pytest.mark.parametrize("kind", [pytest.param(NominalModel, marks=pytest.mark.weekly), KinematicModel, PhysicalModel])
+@pytest.mark.parametrize(
+    "kind", [*(pytest.param(one, marks=pytest.mark.weekly) for one in (NominalModel, KinematicModel)), PhysicalModel]
+)
 def test_a_session_is_learned_from_or_refused(kind, examples, tmp_path):
     @settings(max_examples=examples)
     @given(st.integers(0, 2**32), st.sampled_from([(), ("base",), ("tip",), ("base", "tip")]))

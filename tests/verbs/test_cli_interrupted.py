@@ -195,7 +195,7 @@ def test_a_bar_shows_on_a_terminal_and_is_gone_at_the_end(shown, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["net.truearm"]
 
 
-def test_other_verbs_show_that_they_work(shown, tmp_path):
+def test_other_verbs_show_that_they_work(shown, undrawn, tmp_path):
     out = tmp_path / "r.html"
     assert "drawing the report" in shown("report", "kinematic.truearm", "test.csv", "--page", out).err
     assert "evaluating test.csv" in shown("evaluate", "kinematic.truearm", "test.csv").err

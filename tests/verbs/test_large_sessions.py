@@ -171,7 +171,7 @@ def test_readings_of_the_training_are_recognised(session, folder, tmp_path, monk
     assert not any(said in remark for remark in ta.evaluate(model, folder).remarks)
 
 
-def test_a_page_shows_a_sample_and_the_errors_of_all(folder, model, tmp_path, monkeypatch):
+def test_a_page_shows_a_sample_and_the_errors_of_all(folder, model, undrawn, tmp_path, monkeypatch):
     monkeypatch.setattr(large_sessions, "SAMPLE", 300)
     found = ta.report({"ours": model}, folder, tmp_path / "page.html")
     errors = ta.evaluate(model, folder).errors["model"]

@@ -121,7 +121,7 @@ def test_force_replaces_it(truearm, bench, row):
 
 
 @pytest.mark.parametrize("row", of_kind(OWN), ids=" ".join)
-@pytest.mark.parametrize("what", ["m.csv", "other.truearm"])
+@pytest.mark.parametrize("what", [pytest.param("m.csv", marks=pytest.mark.weekly), "other.truearm"])
 def test_what_a_command_makes_again_replaces_its_own_kind_only(truearm, refused, bench, row, what):
     out = out_of(row)
     shutil.copy(what, out)

@@ -24,7 +24,7 @@ def virtual():
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, truearm):
+def folder(tmp_path_factory, truearm, undrawn):
     """Where the page's commands were run."""
     folder = tmp_path_factory.mktemp("robot")
     with contextlib.chdir(folder):

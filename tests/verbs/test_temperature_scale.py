@@ -37,7 +37,7 @@ VERBS = {
 
 
 @pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("degC", [45.0, 68.0])
+@pytest.mark.parametrize("degC", [pytest.param(45.0, marks=pytest.mark.weekly), 68.0])
 def test_fahrenheit_is_asked_for_and_may_be_accepted(model, session, tmp_path, verb, degC):
     warm = at(session, degC)
     caught = refuses(f"below 45 degC, got {degC:g} degC", VERBS[verb], model, warm, tmp_path)

@@ -51,7 +51,7 @@ def test_corners_of_a_simulation_are_where_the_board_is(cell, found):
     assert np.abs(np.median(miss, axis=0)).max() < 0.02
 
 
-@pytest.mark.parametrize("eye_in_hand", [False, True])
+@pytest.mark.parametrize("eye_in_hand", [False, pytest.param(True, marks=pytest.mark.weekly)])
 def test_a_grid_of_tags_is_seen_from_its_front(eye_in_hand, tmp_path):
     made = ta.simulate_images(
         "ur5", poses=4, board="aprilgrid:4x3,40mm,12mm", eye_in_hand=eye_in_hand, seed=2, size_px=(640, 512)

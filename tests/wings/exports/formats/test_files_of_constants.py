@@ -108,7 +108,7 @@ def source(tmp_path_factory):
 # Joint offsets
 
 
-@pytest.mark.parametrize("model", ["ur10", "panda", "rail"], indirect=True)
+@pytest.mark.parametrize("model", [pytest.param("ur10", marks=pytest.mark.weekly), "panda", "rail"], indirect=True)
 def test_offsets_and_origins_are_the_rigid_arm(model, tmp_path):
     path = tmp_path / "offsets.yaml"
     rigid = joint_offsets.write(model, path, frame="reference").rigid

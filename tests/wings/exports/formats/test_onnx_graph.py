@@ -79,7 +79,7 @@ def test_the_graph_gives_the_model_s_points_for_any_number_of_readings(planted, 
     assert_same_points(onnx_graph.tips(path, angles), model.predict(angles), model.arm_)
 
 
-@pytest.mark.parametrize("kind", ["nominal", "kinematic", "physical"])
+@pytest.mark.parametrize("kind", ["nominal", pytest.param("kinematic", marks=pytest.mark.weekly), "physical"])
 def test_the_graph_of_a_fitted_model_gives_its_points(kind, tmp_path):
     session = ta.simulate("ur10", poses=60, preset="shop", seed=3).session
     models = {"nominal": ta.NominalModel, "kinematic": ta.KinematicModel, "physical": ta.PhysicalModel}

@@ -53,7 +53,7 @@ def session() -> ta.Session:
     return ta.simulate("ur10", poses=150, preset="shop", seed=3).session
 
 
-@pytest.mark.parametrize("kind", ["nominal", "kinematic", "physical"])
+@pytest.mark.parametrize("kind", ["nominal", pytest.param("kinematic", marks=pytest.mark.weekly), "physical"])
 def test_the_tables_compose_to_the_model_s_points(session, kind):
     model = ta.fit("ur10", session, model=kind, **({"highest": 8} if kind == "physical" else {})).model
     plain = plain_model(model)
