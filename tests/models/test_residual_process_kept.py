@@ -63,7 +63,7 @@ def physical(arm, **options):
 @pytest.fixture(scope="module")
 def fitted(arm):
     """With and without the process, from the same readings of a bent arm."""
-    session = readings(arm, 180, np.random.default_rng(1), bend=0.3)
+    session = readings(arm, 120, np.random.default_rng(1), bend=0.3)
     return physical(arm).fit_readings(session), physical(arm, residual=False).fit_readings(session)
 
 
@@ -104,7 +104,7 @@ def test_it_takes_the_place_of_terms_that_depend_on_the_pose(fitted, arm, test_r
     assert in_place_of_terms(model)
     assert all(isinstance(term.basis, Constant | InducedProcess) for term in model.fit_.perturbed_chain.terms)
     monkeypatch.setattr("truearm.identification.identify.MAX_SHARE_LEFT", np.inf)  # as if the terms explained enough
-    beside = physical(arm).fit_readings(readings(arm, 180, np.random.default_rng(1), bend=0.3))
+    beside = physical(arm).fit_readings(readings(arm, 120, np.random.default_rng(1), bend=0.3))
     assert not in_place_of_terms(beside)
     assert mean_error(model, test_readings) < mean_error(beside, test_readings) + 0.01 * NOISE
 
@@ -175,7 +175,7 @@ def test_far_from_the_readings_it_fades_to_the_arm_without_it_and_says_so(arm, f
 
 
 def test_noise_alone_and_few_readings_bring_none(arm):
-    for n, bend in ((180, 0.0), (50, 0.0), (24, 0.3)):
+    for n, bend in ((120, 0.0), (50, 0.0), (24, 0.3)):
         session = readings(arm, n, np.random.default_rng(n), bend=bend)
         model, plain = physical(arm).fit_readings(session), physical(arm, residual=False).fit_readings(session)
         if model.residual_process_ is None:

@@ -124,7 +124,7 @@ def test_images_contradict_zeros_that_are_off_and_are_not_ignored_for_them():
     assert any(str(one).endswith("the arm moved: image 4 (reading 4).") for one in found.findings)
 
 
-@pytest.mark.parametrize("in_hand", [False, True])
+@pytest.mark.parametrize("in_hand", [pytest.param(False, marks=pytest.mark.weekly), True])
 def test_a_camera_or_board_at_another_place_in_the_test_is_said(in_hand):
     """Moved by 10 mm and 1 deg; where it is, the identified arm leaves 0.2 to 0.4 mm."""
     cell, session, pixels = measured(in_hand)
