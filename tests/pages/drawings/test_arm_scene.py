@@ -131,14 +131,14 @@ def test_an_identified_arm_is_drawn_from_its_first_joint():
 )
 def test_pages_that_cannot_be_written_are_refused(words, problem, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    ran = CliRunner().invoke(make_app(), words)
+    ran = CliRunner().invoke(make_app(words[0]), words)
     assert problem in str(ran.exception)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_page_shows_the_arm(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    ran = CliRunner().invoke(make_app(), ["arms", "ur5", "--page", "ur5.html"])
+    ran = CliRunner().invoke(make_app("arms"), ["arms", "ur5", "--page", "ur5.html"])
     assert ran.exit_code == 0, ran.output
     assert "page written to ur5.html" in ran.output
     assert "Move it" in (tmp_path / "ur5.html").read_text(encoding="utf-8")

@@ -143,7 +143,7 @@ def truearm_import(capsys):
     from truearm.command_line import make_app
 
     def run(*arguments):
-        make_app()(["import", *map(str, arguments)], standalone_mode=False)
+        make_app("import")(["import", *map(str, arguments)], standalone_mode=False)
         return capsys.readouterr().out
 
     return run

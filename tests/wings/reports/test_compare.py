@@ -104,10 +104,10 @@ def test_files_and_the_command_give_the_same_answer(models, crash, tmp_path):
     files = [tmp_path / f"{name}.truearm" for name in ("old", "crashed")]
     for file in files:
         models[file.stem].save(file)
-    ran = CliRunner().invoke(make_app(), ["compare", *map(str, files)])
+    ran = CliRunner().invoke(make_app("compare"), ["compare", *map(str, files)])
     assert ran.exit_code == 0
     assert ran.stdout.splitlines()[0] == crash.summary()
-    told = json.loads(CliRunner().invoke(make_app(), ["compare", *map(str, files), "--json"]).stdout)
+    told = json.loads(CliRunner().invoke(make_app("compare"), ["compare", *map(str, files), "--json"]).stdout)
     assert told["summary"] == crash.summary()
     assert told["constants"][0]["change"] == pytest.approx(crash.constants[0].change, abs=1e-9)
     refuses(r"no-model", ta.compare, files[0], tmp_path / "no-model.truearm")

@@ -41,7 +41,7 @@ def known():
     text = dcc(both).decode()
     keys = keys_of(template()) | {key.partition(".")[2] for key in keys_of(artefacts_template("artefacts"))}
     keys |= {*SAID_COLUMNS, *REQUIRED_COLUMNS}
-    keys |= set(re.findall(r"--[a-z-]+", CliRunner().invoke(make_app(), ["certificate", "--help"]).output))
+    keys |= set(re.findall(r"--[a-z-]+", CliRunner().invoke(make_app("certificate"), ["certificate", "--help"]).output))
     xml = set(re.findall(r"<((?:dcc|si):\w+)", text)) | set(re.findall(r'refType="(\w+)"', text))
     return keys, xml, {"title", *(section.title for section in certificate_page(both, outcome()).sections)}
 
