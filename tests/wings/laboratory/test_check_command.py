@@ -153,6 +153,24 @@ def test_a_session_of_the_history_is_recognised(truearm, folder):
     assert "the results are those of the last check" in old
 
 
+def test_an_earlier_session_in_another_order_is_no_new_check(truearm, folder):
+    """The set of readings counts, not their order."""
+    day = session(11)
+    write_session(day.rows(np.random.default_rng(2).permutation(len(day))), "day27.csv")
+    before = Path("arm.sqlite").read_bytes()
+    assert "this session is check 11 of 2026-01-11 in the history already" in truearm(*arguments(27)).out
+    assert Path("arm.sqlite").read_bytes() == before
+
+
+def test_readings_that_a_bouncing_button_stored_again_are_named(truearm, folder):
+    day = session(27)
+    angles = day.angles.copy()
+    angles[2:8] = angles[1]
+    write_session(replace(day, angles=angles), "day27.csv")
+    said = "6 of 10 readings of seat cone have the joint angles of another of them to the last digit: copies"
+    assert said in truearm(*arguments(27)).out
+
+
 def test_a_new_model_starts_a_new_baseline_and_names_the_checks_that_are_not_compared(truearm, folder):
     poses = virtual().measure(session(1).angles, seed=3).readings
     KinematicModel(virtual().nominal, free=()).fit_readings(poses).save("new.truearm")

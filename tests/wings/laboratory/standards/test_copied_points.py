@@ -5,7 +5,7 @@ import datetime
 import numpy as np
 import pytest
 
-from truearm.wings.laboratory.standards.copied_points import find_copy, find_shared
+from truearm.wings.laboratory.standards.copied_points import find_copy, find_repeated, find_shared
 from truearm.wings.laboratory.standards.measured_points import PointGroup
 from truearm.wings.laboratory.standards.positions import about_z, hemisphere
 
@@ -84,6 +84,12 @@ def test_a_copy_in_another_order_is_found_and_noise_in_any_order_is_none():
             for i in range(3)
         ]
         assert find_copy(seats) is None
+        for decimals in (2, 3, 4):  # rounded points are equal by chance
+            rounded = [
+                PointGroup("seat", one.keys, one.points.round(decimals), 20.0, 0.0, DAY, lines=tuple(range(10)))
+                for one in seats
+            ]
+            assert find_repeated(rounded) is None
 
 
 def test_a_run_that_is_the_mean_of_two_others_was_not_measured():

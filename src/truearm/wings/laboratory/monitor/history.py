@@ -435,12 +435,13 @@ class History:
         """`known` and a check, see `with_check`."""
         counting = counted(known)
         for one in counting:
-            if one.session == check.session:
+            if one.has_session_of(check):
                 before, now = ({value.key for value in each.values} for each in (one, check))
                 # A length that can now be corrected to 20 degC is more than before.
                 names_before, names_now = ({key[:2] for key in keys} for keys in (before, now))
                 if one is counting[-1] and names_before <= names_now and before != now:
-                    return tuple(replace(check, date=one.date) if each is one else each for each in known)
+                    completed = replace(check, date=one.date, session=one.session)
+                    return tuple(completed if each is one else each for each in known)
                 return known
         if counting and check.date < counting[-1].date:
             raise self.store.error(

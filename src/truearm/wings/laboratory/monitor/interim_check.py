@@ -284,6 +284,20 @@ class InterimCheck:
             if name in names[:i]:
                 raise InputError(f"the check has two values of {name[1]:.80}, {name[0]}")
 
+    def has_session_of(self, other: InterimCheck) -> bool:
+        """Whether both are of one session, its rows in whatever order: another order makes no other readings."""
+        if self.session == other.session:
+            return True
+        mine, theirs = (sorted((r.artefact, r.pose, r.deviation_mm) for r in each.readings) for each in (self, other))
+        if not mine or [one[:2] for one in mine] != [one[:2] for one in theirs]:
+            return False
+        degC = [math.nan if each.temperature_degC is None else each.temperature_degC for each in (self, other)]
+        # Sums in another order differ by rounding, and deviations are rounded to 1 nm.
+        return bool(
+            np.isclose(*degC, equal_nan=True)
+            and np.allclose([one[2] for one in mine], [one[2] for one in theirs], rtol=0, atol=2e-6)
+        )
+
 
 def counted(checks: Iterable[InterimCheck]) -> tuple[InterimCheck, ...]:
     """The checks that are not withdrawn."""
@@ -379,6 +393,19 @@ def _with_largest_expected(
     return tuple(
         replace(value, largest_expected_mm=largest.get((value.quantity, value.artefact)) or None) for value in values
     )
+
+
+def copy_remarks(angles: FloatArray, artefact: Sequence[str]) -> list[str]:
+    """Name artefacts with readings whose joint angles are the same to the last digit: no hand holds so still."""
+    remarks = []
+    for name in sorted({*artefact} - {""}):
+        own = angles[np.array(artefact) == name]
+        if copies := len(own) - len(np.unique(own, axis=0)):
+            remarks.append(
+                f"{copies} of {len(own)} readings of {name} have the joint angles of another of them to the last "
+                "digit: copies, which do not scatter. Measure it again, and move the arm between readings."
+            )
+    return remarks
 
 
 def single_reading_remarks(seat: NameArray | None, lengths: Lengths | None) -> list[str]:

@@ -41,7 +41,7 @@ class RecordedCheck:
     @property
     def number(self) -> int:
         """The number of the check of this session, counted from 1."""
-        return max(i for i, one in enumerate(self.checks, start=1) if one.session == self.check.session)
+        return max(i for i, one in enumerate(self.checks, start=1) if one.has_session_of(self.check))
 
     @property
     def last(self) -> InterimCheck:

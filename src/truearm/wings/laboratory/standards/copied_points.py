@@ -29,6 +29,8 @@ AGREE_MM = 2e-5
 SCATTER_MM = 5e-3
 # Agreement is a copy where its chance is less: three numbers, of coordinates that are written to 0.00001 mm.
 CHANCE = 2e-8
+# Of points that are the same to the last digit, of all pairs of a test together.
+CHANCE_OF_REPEATED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +86,27 @@ def find_copy(groups: Sequence[PointGroup], before: Sequence[PointGroup] | None 
     if groups and "end" in groups[0].keys:
         return _copied_lengths(later, earlier, chance)
     return None
+
+
+def find_repeated(groups: Sequence[PointGroup]) -> _Copy:
+    """Return the group of the first point of a test that repeats another one more often than rounding explains.
+
+    A trigger that bounces stores a point twice, in a seat too; a row pasted twice may lie in two repeats or positions.
+    """
+    points = np.concatenate([group.points for group in groups])
+    first, same = np.unique(points, axis=0, return_index=True, return_inverse=True)[1:]
+    copies = len(points) - len(first)
+    # Of as many pairs as points of one place make.
+    pairs = len(points) * max(len(group.points) for group in groups) / 2
+    scatter = min(SCATTER_MM, max(1e-3, float(np.median([group.points.std(axis=0).mean() for group in groups]))))
+    expected = pairs * (max(_step(points), 1e-6) / (4 * scatter)) ** 3
+    if copies == 0 or copies * log(expected) - lgamma(copies + 1) >= log(CHANCE_OF_REPEATED):
+        return None
+    copy = int(np.flatnonzero(first[same.reshape(-1)] != np.arange(len(points)))[0])
+    of = [(group, line) for group in groups for line in group.lines]
+    group, line = of[copy]
+    source, before = of[first[same.reshape(-1)[copy]]]
+    return group, f"{group.where}: the point of line {line} has the same coordinates as line {before}, {source.where}"
 
 
 def find_shared(groups: Sequence[PointGroup], before: Sequence[PointGroup]) -> _Copy:
@@ -172,9 +195,13 @@ def _agree_in_some_order(points: _Measurement, others: _Measurement) -> bool:
 
 def _chance_of_one(groups: Sequence[PointGroup]) -> float:
     """The chance that a number of two measurements agrees: with coordinates written to few digits it is larger."""
-    points = np.concatenate([group.points for group in groups])
-    step = next((10.0**-n for n in range(6) if np.abs(points - points.round(n)).max() < 1e-9), 0.0)
+    step = _step(np.concatenate([group.points for group in groups]))
     return min(1.0, max(2 * AGREE_MM, step) / (4 * SCATTER_MM))
+
+
+def _step(points: FloatArray) -> float:
+    """What coordinates are rounded to [mm]; 0 below 0.00001 mm."""
+    return next((10.0**-n for n in range(6) if np.abs(points - points.round(n)).max() < 1e-9), 0.0)
 
 
 def _copied_lengths(later: list[_Measurement], earlier: list[_Measurement] | None, chance: float) -> _Copy:

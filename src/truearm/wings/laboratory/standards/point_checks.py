@@ -16,7 +16,7 @@ from truearm.files.delimited import quoted_cell
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.standards.artefacts import Artefact, Artefacts, CalibratedBar, CalibratedSphere
-from truearm.wings.laboratory.standards.copied_points import find_copy, find_shared
+from truearm.wings.laboratory.standards.copied_points import find_copy, find_repeated, find_shared
 from truearm.wings.laboratory.standards.layout import length_fault
 from truearm.wings.laboratory.standards.measurands import (
     LengthMeasurement,
@@ -235,6 +235,8 @@ class PointChecks:
         if self.measured.file is None:
             return
         found = find_copy(groups)
+        if found is None and "end" not in groups[0].keys:  # lengths may share an end
+            found = find_repeated(groups)
         for other in takewhile(lambda one: one != name, self.measured.tests):
             if found is None and (found := find_shared(groups, self.measured.tests[other])) is not None:
                 found = found[0], f"{found[1]} of test {other!r}"

@@ -49,6 +49,8 @@ from truearm.wings.laboratory.monitor.interim_check import (
     CHECK_QUANTITIES,
     InterimCheck,
     Withdrawal,
+    artefacts_of,
+    copy_remarks,
     counted,
     single_reading_remarks,
 )
@@ -299,6 +301,7 @@ def check(
         )
     known, ignored = session_lengths(lengths, readings)
     remarks += [*map(str, ignored), *single_reading_remarks(readings.seat, known)]
+    remarks += copy_remarks(readings.angles, artefacts_of(readings.seat, readings.sphere, len(readings)))
     check_sessions(readings, known, own_frame="base" not in fitted.free)
     if outside := int(fitted.outside_training(readings.angles).sum()):
         have = agree(outside, "have")
