@@ -294,7 +294,7 @@ class InterimCheck:
         degC = [math.nan if each.temperature_degC is None else each.temperature_degC for each in (self, other)]
         # Sums in another order differ by rounding, and deviations are rounded to 1 nm.
         return bool(
-            np.isclose(*degC, equal_nan=True)
+            np.isclose(degC[0], degC[1], equal_nan=True)
             and np.allclose([one[2] for one in mine], [one[2] for one in theirs], rtol=0, atol=2e-6)
         )
 
