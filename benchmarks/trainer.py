@@ -23,7 +23,9 @@ from benchmarks.rows import RowResult, Rows, Target
 from truearm.nets.levenberg_marquardt import train_varpro, trainlm
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.perceptron import MinMaxScaler, Perceptron, nguyen_widrow
-from truearm.solve import DampingLimit, MarquardtDamping, NormalEquations, levenberg_marquardt
+from truearm.solve.least_squares import levenberg_marquardt
+from truearm.solve.least_squares_problem import MarquardtDamping, NormalEquations
+from truearm.solve.stop_criteria import DampingLimit
 from truearm.wings.gao2017.training import EVALUATION_STREAM, TRAINING_STREAM, Source
 
 ROWS = Rows()

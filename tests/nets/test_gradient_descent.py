@@ -5,7 +5,7 @@ import pytest
 
 from truearm.errors import TruearmError
 from truearm.nets.traingd import LearningRate, gradient_descent
-from truearm.solve import CostGoal, MaxEpochs, MaxSeconds, MinGradient
+from truearm.solve.stop_criteria import CostGoal, MaxEpochs, MaxSeconds, MinGradient
 
 
 class Parabola:

@@ -8,30 +8,36 @@ import pytest
 
 from refusals import refuses
 from truearm.errors import TruearmError
-from truearm.solve import (
+from truearm.solve.least_squares import (
+    SETTLED,
+    STUCK,
     UNSOLVED,
-    BestPoint,
-    CostConverged,
-    CostGoal,
-    DampingLimit,
-    DenseProblem,
-    KnownStep,
-    MarquardtDamping,
-    MaxEpochs,
-    MaxSeconds,
-    MinGradient,
-    NielsenDamping,
-    NormalEquations,
-    OptimizerState,
-    StepHalving,
-    ValidationStop,
+    Trial,
     damped_step,
     gauss_newton,
     levenberg_marquardt,
     levenberg_marquardt_by_row,
 )
-from truearm.solve.least_squares import SETTLED, STUCK, Trial
-from truearm.solve.stop_criteria import StopReason
+from truearm.solve.least_squares_problem import (
+    DenseProblem,
+    KnownStep,
+    MarquardtDamping,
+    NielsenDamping,
+    NormalEquations,
+    StepHalving,
+)
+from truearm.solve.stop_criteria import (
+    BestPoint,
+    CostConverged,
+    CostGoal,
+    DampingLimit,
+    MaxEpochs,
+    MaxSeconds,
+    MinGradient,
+    OptimizerState,
+    StopReason,
+    ValidationStop,
+)
 
 
 class Residuals:

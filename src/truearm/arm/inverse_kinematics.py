@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain
 from truearm.errors import InputError
-from truearm.solve import MarquardtDamping, levenberg_marquardt_by_row
+from truearm.solve.least_squares import levenberg_marquardt_by_row
+from truearm.solve.least_squares_problem import MarquardtDamping
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Rows that are solved together: the derivatives by all six motions at all places take 144 bytes a place each.

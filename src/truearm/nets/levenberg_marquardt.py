@@ -28,17 +28,10 @@ from scipy.linalg.lapack import dtrtri
 from truearm.errors import TruearmError
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import DampedOptions, TrainingLog, TrainingOptions, TrainingRecord, checked_start
-from truearm.solve import (
-    CostConverged,
-    CostGoal,
-    DampingLimit,
-    MinGradient,
-    NormalEquations,
-    OptimizerState,
-    StopReason,
-    levenberg_marquardt,
-)
+from truearm.solve.least_squares import levenberg_marquardt
+from truearm.solve.least_squares_problem import NormalEquations
 from truearm.solve.linear_algebra import Array, add_to_diagonal, as_array_like, cholesky_solve, to_numpy, whiten
+from truearm.solve.stop_criteria import CostConverged, CostGoal, DampingLimit, MinGradient, OptimizerState, StopReason
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 

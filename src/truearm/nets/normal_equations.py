@@ -33,7 +33,7 @@ from array_api_compat import array_namespace, device, is_numpy_array, is_torch_a
 
 from truearm.errors import InputError
 from truearm.nets.perceptron import Perceptron
-from truearm.solve import NormalEquations
+from truearm.solve.least_squares_problem import NormalEquations
 from truearm.solve.linear_algebra import Array, add_product, as_array_like, to_numpy
 from truearm.solve.threads import cores, one_blas_thread
 from truearm.typing import FloatArray, IntArray

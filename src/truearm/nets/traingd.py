@@ -16,8 +16,14 @@ import numpy.typing as npt
 from truearm.errors import InputError, TruearmError
 from truearm.nets.normal_equations import FitProblem
 from truearm.nets.training import TrainingLog, TrainingOptions, TrainingRecord, checked_start
-from truearm.solve import CostGoal, MinGradient
-from truearm.solve.stop_criteria import OptimizerState, StopCriterion, StopReason, first_stop_reason
+from truearm.solve.stop_criteria import (
+    CostGoal,
+    MinGradient,
+    OptimizerState,
+    StopCriterion,
+    StopReason,
+    first_stop_reason,
+)
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 

@@ -13,15 +13,8 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.nets.normal_equations import FitProblem
-from truearm.solve import (
-    BestPoint,
-    MarquardtDamping,
-    MaxEpochs,
-    MaxSeconds,
-    OptimizerState,
-    StopCriterion,
-    ValidationStop,
-)
+from truearm.solve.least_squares_problem import MarquardtDamping
+from truearm.solve.stop_criteria import BestPoint, MaxEpochs, MaxSeconds, OptimizerState, StopCriterion, ValidationStop
 from truearm.typing import FloatArray, IntArray
 
 Record = TypeVar("Record", bound="TrainingRecord")

@@ -29,9 +29,10 @@ from truearm.identification.estimation.problem import RELATIVE, SmallMotionProbl
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, huber_weights, paule_mandel_variance
 from truearm.identification.references.prepared_readings import residual_variance, tip_motions
 from truearm.identification.references.references import Reference
-from truearm.solve import KnownStep, StepHalving, damped_step
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import GroupedEquations, GroupedPrior
+from truearm.solve.least_squares import damped_step
+from truearm.solve.least_squares_problem import KnownStep, StepHalving
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
 

@@ -46,8 +46,8 @@ from truearm.identification.references.references import Reference
 from truearm.identification.terms.basis import Constant
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.solve import StepHalving
 from truearm.solve.group_evidence import GroupedPrior, posterior
+from truearm.solve.least_squares_problem import StepHalving
 from truearm.solve.linear_algebra import covariance_factor
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray

@@ -29,7 +29,8 @@ from truearm.arm.nearest_table import NEARLY_PARALLEL
 from truearm.arm.rigid_motions import rotation_from_z_to, screw_z
 from truearm.errors import InputError
 from truearm.readings import Session
-from truearm.solve import DenseProblem, gauss_newton
+from truearm.solve import least_squares
+from truearm.solve.least_squares_problem import DenseProblem
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Others within these of each other stand still: robots hold 0.01 deg, a hand that turns one hinge of a measuring arm
@@ -393,7 +394,7 @@ def estimate_axes(session: Session, measured: Circles, is_prismatic: BoolArray) 
 
     is_measured = np.array([joint not in measured.failed for joint in range(session.n_joints)])
     start = _start(session, circles, is_prismatic, is_measured)
-    axes = gauss_newton(DenseProblem(residuals_and_jacobian), start, move=Axes.moved).x
+    axes = least_squares.gauss_newton(DenseProblem(residuals_and_jacobian), start, move=Axes.moved).x
     found, by_step, by_gain = axes.targets(angles)
     residuals = found - points
     jacobian = (weight[:, :, None] * by_step).reshape(points.size, -1)

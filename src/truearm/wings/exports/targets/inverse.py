@@ -39,7 +39,8 @@ from truearm.identification.terms import ArmState, Term
 from truearm.models import Compensator
 from truearm.models.identified_model import require_identified, to_identified
 from truearm.readings import Session
-from truearm.solve import MarquardtDamping, RowsResult, levenberg_marquardt_by_row
+from truearm.solve.least_squares import RowsResult, levenberg_marquardt_by_row
+from truearm.solve.least_squares_problem import MarquardtDamping
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Joints of fewer are too few for a position and an orientation.

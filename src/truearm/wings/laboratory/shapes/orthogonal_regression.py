@@ -22,8 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm import solve
 from truearm.errors import InputError
+from truearm.solve import least_squares, stop_criteria
+from truearm.solve.least_squares_problem import DenseProblem
 from truearm.typing import FloatArray, IntArray
 from truearm.wings.laboratory.shapes.normalised_points import NormalisedPoints
 
@@ -195,7 +196,7 @@ def _is_minimum(element: Element, points: FloatArray, place: Place) -> bool:
 
 
 def gauss_newton(element: Element, points: FloatArray, start: Place) -> tuple[Place, LinearisedResiduals]:
-    """Minimise the sum of squared distances by Gauss-Newton steps (`truearm.solve.gauss_newton`).
+    """Minimise the sum of squared distances by Gauss-Newton steps (`truearm.solve.least_squares.gauss_newton`).
 
     Raises
     ------
@@ -208,13 +209,13 @@ def gauss_newton(element: Element, points: FloatArray, start: Place) -> tuple[Pl
         """Rounding of the norm of the residuals, for this number of points at distances of this size."""
         return 4 * float(np.finfo(float).eps) * root * max(1.0, _extent(place))
 
-    result = solve.gauss_newton(
-        solve.DenseProblem(partial(element.linearised, points), rounding=rounding),
+    result = least_squares.gauss_newton(
+        DenseProblem(partial(element.linearised, points), rounding=rounding),
         start,
         move=element.moved,
-        stops=[_Arrival(rounding, element.name), solve.MaxEpochs(MOST_STEPS)],
+        stops=[_Arrival(rounding, element.name), stop_criteria.MaxEpochs(MOST_STEPS)],
     )
-    if result.reason is solve.UNSOLVED or (not result.reason.converged and result.epochs >= MOST_STEPS):
+    if result.reason is least_squares.UNSOLVED or (not result.reason.converged and result.epochs >= MOST_STEPS):
         raise undetermined_error(element.name)
     return result.x, LinearisedResiduals(result.equations.residuals, result.equations.jacobian)
 
@@ -231,7 +232,7 @@ class _Arrival:
         self._rounding, self._shape = rounding, shape
         self._before = np.inf
 
-    def __call__(self, state: solve.OptimizerState) -> solve.StopReason | None:
+    def __call__(self, state: stop_criteria.OptimizerState) -> stop_criteria.StopReason | None:
         """A reason to stop, by the change of the residuals that the last step predicted."""
         if np.isnan(state.predicted):
             return None
@@ -244,7 +245,7 @@ class _Arrival:
         return _ARRIVED if is_stalled or change < self._rounding(state.x) else None
 
 
-_ARRIVED = solve.StopReason("The residuals do not change any more.", True)
+_ARRIVED = stop_criteria.StopReason("The residuals do not change any more.", True)
 
 
 class Fitted(NamedTuple):
