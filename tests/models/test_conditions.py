@@ -7,8 +7,8 @@ import pytest
 
 import truearm as ta
 from refusals import refuses
+from truearm.identification.judgement.day_to_day import BASE_SHIFT_SHARE, COMPONENTS, SHIFT_SHARE, TILT_STD
 from truearm.identification.judgement.expansion_prior import _with_constants
-from truearm.identification.judgement.missing_terms import BASE_SHIFT_SHARE, COMPONENTS, SHIFT_SHARE, TILT_STD
 from truearm.identification.terms import Constant
 from truearm.models import KinematicModel, NominalModel, PhysicalModel, load_model
 from truearm.models.uncertainty import UncertaintyBudget

@@ -42,6 +42,7 @@ from truearm.identification.judgement.cross_validation import (
     compared_kinds,
     cross_validate_by_group,
 )
+from truearm.identification.judgement.day_to_day import day_to_day_terms, on_another_day, without_own_days
 from truearm.identification.judgement.expansion_prior import (
     at_mean_temperature,
     with_material_prior,
@@ -70,9 +71,7 @@ from truearm.identification.judgement.joint_signs import (
 from truearm.identification.judgement.length_scale import LengthScale, axis_scale, reference_scale_variance, refuse_axis
 from truearm.identification.judgement.missing_terms import (
     added_covariance,
-    day_to_day_terms,
     missing_terms,
-    on_another_day,
     with_covariance,
     with_missing_terms,
 )
@@ -576,7 +575,7 @@ def what_may_change(
         fit = on_another_day(fit)
     if complete is not None:
         fit = complete(fit, readings.state_as_read, widened)
-    return with_shared_error(fit, scale)
+    return without_own_days(with_shared_error(fit, scale))
 
 
 def _gains_beside(terms: Sequence[Term], simpler: IdentificationResult, readings: PreparedReadings) -> list[Term]:

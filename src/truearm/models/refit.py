@@ -16,8 +16,8 @@ from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.estimation.set_up_update import update_in_set_up
+from truearm.identification.judgement.day_to_day import on_another_day
 from truearm.identification.judgement.description_check import explaining
-from truearm.identification.judgement.missing_terms import on_another_day
 from truearm.identification.judgement.nominal_check import (
     NominalCheck,
     left_by,

@@ -7,7 +7,7 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.identification.estimation.propagation import relative_covariance
-from truearm.identification.judgement.missing_terms import (
+from truearm.identification.judgement.day_to_day import (
     BASE_SHIFT_SHARE,
     COMPONENTS,
     GROUP,
@@ -16,10 +16,11 @@ from truearm.identification.judgement.missing_terms import (
     day_to_day_terms,
     on_another_day,
 )
-from truearm.identification.terms import Constant, InSession
+from truearm.identification.terms import Constant, InSession, Temperature
 from truearm.identification.terms.catalogue import base_terms
 from truearm.models import KinematicModel, NominalModel, PhysicalModel, load_model
 from truearm.readings import Session
+from truearm.solve.linear_algebra import unit_diagonal
 from truearm.wings.planning.designs.sampling import measuring_poses
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 
@@ -103,6 +104,17 @@ def test_a_model_of_several_days_predicts_another_one_and_is_read_again(arm, tmp
     np.testing.assert_array_equal(again, points)
     np.testing.assert_array_equal(covariance_again, covariance)
     assert not any(isinstance(term.basis, InSession) and term.place for term in read.fit_.perturbed_chain.terms)
+
+
+def test_days_of_changing_temperature_leave_a_covariance(arm):
+    """What growth does to the constants was taken off without the days' motions, which left variances below zero."""
+    session = VirtualArm.draw(arm, load_preset("shop"), seed=1).measure(measuring_poses(arm, 60, seed=1).angles, seed=1)
+    readings = replace(session.readings, session=np.repeat(["Monday", "Friday"], 30))
+    fit = PhysicalModel(arm, highest=4).fit_readings(readings).fit_
+    assert any(isinstance(term.basis, Temperature) for term in fit.perturbed_chain.terms)
+    assert all(term.group != GROUP for term in fit.perturbed_chain.terms)
+    unit, _ = unit_diagonal(fit.covariance)
+    assert np.linalg.eigvalsh(unit).min() > -1e-9  # of rounding
 
 
 def test_sessions_that_show_no_difference_leave_the_usual_one(arm):

@@ -1,15 +1,21 @@
 """What a page says of an identified arm: uncertainty in the metrologist's words, terms, joints, what is open."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from html_outline import Outline
+from truearm.arm import load_arm
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.outliers import Outlier
+from truearm.models import PhysicalModel
 from truearm.models.uncertainty import UncertaintyBudget
 from truearm.pages.html import render
 from truearm.pages.page import Page
 from truearm.pages.plotting import svg_element
+from truearm.wings.planning.designs.sampling import measuring_poses
+from truearm.wings.planning.virtual import VirtualArm, load_preset
 from truearm.wings.reports.identification_sections import (
     joint_error_figure,
     joint_errors_section,
@@ -19,7 +25,7 @@ from truearm.wings.reports.identification_sections import (
     unidentifiable_section,
 )
 from truearm.wings.reports.seat_page import SeatComparison, seats_page
-from truearm.wings.reports.term_effects import Effect, JointError
+from truearm.wings.reports.term_effects import Effect, JointError, effects
 
 ARCSEC = np.pi / 180 / 3600
 
@@ -177,3 +183,15 @@ def test_the_page_of_seats_says_how_well_they_agree(rng):
         SeatComparison(**{**vars(seated), "lengths": [], "length_errors": {}}), title="Seats", subtitle="", facts=[]
     )
     assert "Lengths" not in [section.title for section in without.sections]
+
+
+def test_terms_of_what_was_the_same_at_all_readings_have_a_row_of_their_own():
+    """A report of readings at one temperature: growth, not learned, is a group beside those of the readings."""
+    arm = load_arm("gao2017")
+    readings = VirtualArm.draw(arm, load_preset("shop"), seed=1).measure(
+        measuring_poses(arm, 40, seed=1).angles, seed=1
+    )
+    model = PhysicalModel(arm, highest=4).fit_readings(replace(readings.readings, temperature_degC=np.full(40, 20.0)))
+    found = {effect.group: effect for effect in effects(model.fit_, model.state(readings.readings))}
+    assert found["thermal expansion, not learned"].determined == 0.0
+    assert found.keys() == {group.name for group in model.fit_.groups}

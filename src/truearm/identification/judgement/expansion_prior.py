@@ -237,12 +237,13 @@ def with_unlearned_terms(fit: IdentificationResult, terms: list[tuple[Term, floa
     """
     if not terms:
         return fit
+    terms = [(replace(term, group=f"{term.group}, not learned"), value) for term, value in terms]
     added, first, same = [term for term, _ in terms], len(fit.coefficients), fit.repeatability_covariance
     prior = np.diag([float(term.prior_stds[0]) ** 2 for term in added])
     grows = np.flatnonzero([isinstance(term.basis, Temperature) for term in added])
     prior[np.ix_(grows, grows)] = UNKNOWN_MATERIAL.covariance(len(grows))
     sizes = Counter(term.group for term in added)
-    groups = (TermGroupResult(f"{name}, not learned", n, 0.0, 1.0) for name, n in sizes.items())
+    groups = (TermGroupResult(name, n, 0.0, 1.0) for name, n in sizes.items())
     both = block_diag(fit.covariance, prior), None if same is None else block_diag(same, prior)
     whole = _extended(fit, added, np.zeros(len(added)), np.sqrt(prior.diagonal()), *both)
     whole = replace(whole, groups=(*fit.groups, *groups))
