@@ -22,6 +22,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from truearm.arm.arm import with_zeros
 from truearm.findings import Finding
 from truearm.identification.estimation.identification import identify, with_few_changed
 from truearm.identification.estimation.identification_result import IdentificationResult
@@ -116,7 +117,7 @@ from truearm.identification.terms import (
     directions,
 )
 from truearm.identification.terms.basis import Temperature
-from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, unlearned_terms
+from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, OWN_AXIS, unlearned_terms
 from truearm.readings.checks import check_scale
 from truearm.readings.reference_uncertainty import PPM
 from truearm.solve.threads import one_blas_thread
@@ -135,6 +136,8 @@ WORKSPACE_POSES = 200
 # Share of the median distance of the nominal arm below which that of a fit to the nearer half shows that gross errors
 # drew the arm to themselves.
 MAX_TRIMMED_SHARE = 0.5
+# Prior standard deviation of a zero of an arm whose zeros are off [rad].
+OPEN_ZERO_STD = np.radians(10.0)
 
 Progress: TypeAlias = Callable[[int, str], None]
 Complete: TypeAlias = Callable[[IdentificationResult, ArmState, float], IdentificationResult]
@@ -278,18 +281,48 @@ def place_without_gross_errors(readings: PreparedReadings) -> Found:
 
 
 def compare_with_nominal(readings: PreparedReadings, nominal: IdentificationResult) -> NominalCheck:
-    """Compare the error of the nominal arm, placed as `nominal`, with the usual one; see `check_nominal_arm`."""
+    """Compare the error of the nominal arm, placed as `nominal`, with the usual one; see `check_nominal_arm`.
+
+    Zeros that are off hide what else is wrong: mistakes and scales are judged about the arm with its zeros in place.
+    """
     references = [without_sizes(reference) for reference in readings.references]
-    return check_nominal_arm(
+    every = constants(readings.arm.chain, free=readings.free)
+    check = check_nominal_arm(
         readings.arm,
         nominal,
         readings.state,
         references,
-        constants(readings.arm.chain, free=readings.free),
+        every,
         partial(_identify_terms, readings, references=references),
         readings.table,
         readings.free,
     )
+    if check.shows_zeros and check.identified is not None:
+        readings = _with_zeros(readings, np.array(check.identified.every_zero))
+        fit = _identify_terms(readings, _with_open_zeros(readings), references)
+        turned = fit.perturbed_chain.constant_motions(fit.coefficients)[1:-1, OWN_AXIS]
+        readings = _with_zeros(readings, np.where(readings.arm.chain.is_prismatic, 0.0, turned))
+        every = constants(readings.arm.chain, free=readings.free)
+        nominal = _identify_terms(readings, _nominal_terms(readings), references)
+        fit = _identify_terms(readings, _with_open_zeros(readings), references)
+        check = check.about(fit, readings.arm, references, readings.table)
+    if readings.frames:  # the axes of a session are not those of its file
+        return check
+    return replace(check, axis_scale=axis_scale(nominal, readings.state, references, every))
+
+
+def _with_zeros(readings: PreparedReadings, zeros: FloatArray) -> PreparedReadings:
+    """The readings as of an arm with zeros (n_joints,) added to its own."""
+    placed = with_zeros(replace(readings.arm, chain=readings.chain), zeros).chain
+    return replace(readings, arm=with_zeros(readings.arm, zeros), chain=placed)
+
+
+def _with_open_zeros(readings: PreparedReadings) -> list[Term]:
+    """The constants with zeros of which little is known: lengths do not take what zeros may explain."""
+    return [
+        replace(term, prior_std=OPEN_ZERO_STD, learn=False) if term.group == "joint offsets" else term
+        for term in constants(readings.arm.chain, free=readings.free)
+    ]
 
 
 def judge_description(readings: PreparedReadings, nominal: IdentificationResult) -> NominalCheck:
@@ -306,9 +339,7 @@ def judge_description(readings: PreparedReadings, nominal: IdentificationResult)
     check = compare_with_nominal(readings, nominal)
     refuse_common_gain(check.common_gain, readings.measured)
     refuse_implausible(check, readings.arm, readings.measured)
-    if not readings.frames:  # else the axes of a session are not those of its file
-        check = replace(check, axis_scale=axis_scale(nominal, readings.state, references, every))
-        refuse_axis(check.axis_scale, readings.measured)
+    refuse_axis(check.axis_scale, readings.measured)
     check_stated_uncertainty(readings.measured, nominal, references, partial(_identify_terms, readings, every))
     return check
 

@@ -26,7 +26,7 @@ from truearm.identification.identify import (
     place_without_gross_errors,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
-from truearm.identification.judgement.length_scale import LengthScale, refuse_wrong_scale
+from truearm.identification.judgement.length_scale import SURE_OF_KITS, LengthScale, refuse_wrong_scale
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.residual_process import ResidualProcess
 from truearm.identification.references.prepared_readings import PreparedReadings, tip_motions
@@ -161,6 +161,9 @@ class IdentifiedModel(Compensator):
         self.residual_process_, self.refit_reading_ids_ = found.residual_process, np.zeros(0)
         self.type_prior_ = "" if readings.prior is None else str(readings.prior)
         self.length_scale_, before = found.length_scale, to_identified(simpler)
+        if (scale := self.nominal_check_.scale_beside_zeros) is not None:
+            others = [one for one in found.findings if one.what != "length scale"]
+            self.length_scale_, self.findings_ = scale, (*others, *scale.findings(readings.arm, SURE_OF_KITS))
         is_judged = before is not None and before.length_scale_ is not None
         # A nominal arm that misses by more than arms do was refused, or accepted, with its scale.
         if self.length_scale_ is not None and not is_judged and self.nominal_check_.is_plausible:

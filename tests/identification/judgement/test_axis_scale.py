@@ -69,8 +69,9 @@ def test_the_scale_of_a_slide_is_none_of_the_reference(rng):
 
 
 def test_a_share_that_explains_little_is_not_clear():
-    sure = AxisScale("z", 0.01, 1e-5, noise_mm=0.08, noise_without_mm=0.1, log_odds=100.0)
+    sure = AxisScale("z", 0.01, 1e-5, noise_mm=0.08, noise_without_mm=0.1, log_odds=35.0)
     assert not sure.is_clear  # 36 % of the variance
+    assert replace(sure, log_odds=45.0).is_clear  # nothing else does that
     assert replace(sure, noise_mm=0.07).is_clear  # 51 %
 
 

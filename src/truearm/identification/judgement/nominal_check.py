@@ -99,6 +99,8 @@ class IdentifiedConstants:
         Its size over the largest credible one.
     are_zeros : bool
         Whether all that are larger than credible are zeros of turning joints: horns or encoders mounted otherwise.
+    every_zero : tuple of float
+        What is to be added to the zeros of all joints, certain or not [rad; of sliding joints mm].
     """
 
     zeros: dict[str, tuple[float, float]]
@@ -106,6 +108,7 @@ class IdentifiedConstants:
     share: float
     slides: tuple[str, ...] = ()
     are_zeros: bool = False
+    every_zero: tuple[float, ...] = ()
 
     @property
     def are_credible(self) -> bool:
@@ -145,7 +148,7 @@ class IdentifiedConstants:
             for i in np.flatnonzero(np.abs(changes[zeros]) >= least).tolist()
         }
         sliding = tuple(arm.joint_names[i] for i in np.flatnonzero(slides).tolist())
-        return cls(named, largest, share, sliding, are_zeros)
+        return cls(named, largest, share, sliding, are_zeros, tuple(changes[zeros].tolist()))
 
     def __str__(self) -> str:
         if not self.largest:
@@ -270,6 +273,24 @@ class NominalCheck:
     other_arm: Explanation | None = None
     axis_scale: AxisScale | None = None
     common_gain: float | None = None
+
+    @property
+    def shows_zeros(self) -> bool:
+        """Whether zeros are off, and no mistake is known that explains it."""
+        return self.identified is not None and bool(self.identified.zeros) and not self.is_mistaken
+
+    @property
+    def scale_beside_zeros(self) -> LengthScale | None:
+        """The scale of the lengths, where zeros are off: identified together with them, lengths take a part of them."""
+        return self.length_scale if self.shows_zeros else None
+
+    def about(
+        self, fit: IdentificationResult, arm: Arm, references: Sequence[Reference], table: ReferenceTable | None
+    ) -> Self:
+        """The check with its scale and mistakes judged about an arm with other zeros, from its identified constants."""
+        check = replace(self, length_scale=_length_scale(fit, references))
+        found = None if table is None else check_description(arm, table, fit.chain)
+        return check if found is None or not found.findings else replace(check, description=found)
 
     @property
     def ratio(self) -> float:
@@ -408,7 +429,6 @@ def check_nominal_arm(
     if check.is_usual:
         return check
     left = left_by(_of_kind(fit, references, turns=False)[0], state, points, constants)
-    freedom, variance = fit.residual_freedom(references), reference_scale_variance(fit, references)
     # What a joint does of which the angle is not read looks like noise.
     hidden = not np.ptp(state.angles, axis=0).all()
     return replace(
@@ -417,9 +437,14 @@ def check_nominal_arm(
         left=left,
         most_noise_mm=MAX_RATIO * check.usual_mm if hidden else most_noise(placed, state, arm.chain.reach),
         description=None if table is None else check_description(arm, table, fit.chain),
-        length_scale=LengthScale.of(fit, freedom, reference_variance=variance),
+        length_scale=_length_scale(fit, references),
         common_gain=common_gain(fit),
     )
+
+
+def _length_scale(fit: IdentificationResult, references: Sequence[Reference]) -> LengthScale | None:
+    variance = reference_scale_variance(fit, references)
+    return LengthScale.of(fit, fit.residual_freedom(references), reference_variance=variance)
 
 
 def _of_kind(
@@ -491,6 +516,8 @@ def refuse_implausible(check: NominalCheck, arm: Arm, readings: Measurements) ->
         With the mistakes that are likely.
     """
     if check.is_plausible:
+        if check.scale_beside_zeros is not None:
+            refuse_wrong_scale(check.scale_beside_zeros, arm, readings, None)
         return
     if (turns := check.of_turns) is not None and not turns.is_plausible:
         error, usual = (np.degrees(size / LEVER_MM) for size in (turns.error_mm, turns.usual_mm))
