@@ -219,7 +219,7 @@ def _learned(kind: type) -> dict[str, Any]:
     for cls in reversed(kind.__mro__):
         names = [name for name in get_annotations(cls) if name.endswith("_") and not name.endswith("__")]
         if names:
-            hints |= {name: get_type_hints(cls)[name] for name in names}
+            hints |= {name: _hints(cls)[name] for name in names}
     return hints
 
 

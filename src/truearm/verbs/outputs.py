@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -111,12 +112,21 @@ def check_model_output(out: str | Path, arm: Arm | None, *inputs: str | Path | N
         damaged.
     """
     from truearm.models.arm_check import other_arm
-    from truearm.models.model_file import load_model
 
     out = Path(out)
     check_output(out, *inputs)
     if force or not out.exists():
         return
-    kept = _read_own(out, load_model, REPLACE).arm_  # all of it: the damaged file of some arm is not of this arm
+    status = out.stat()
+    kept = _arm_of_model(out, (status.st_ino, status.st_mtime_ns, status.st_size))
     if arm is not None and (difference := other_arm(kept, arm)):
         raise InputError(f"the file has a model of another arm: {difference}", file=out, hint=REPLACE)
+
+
+@lru_cache(maxsize=1)
+def _arm_of_model(out: Path, status: tuple[int, ...]) -> Arm:
+    """The arm of a model that is to be replaced; after the fit it is read again if its file has another status."""
+    from truearm.models.model_file import load_model
+
+    del status
+    return _read_own(out, load_model, REPLACE).arm_  # all of it: the damaged file of some arm is not of this arm
