@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def growing_outside(
     angles, ranges = state.angles, _ranges(state.angles[used])
     whole = Extrapolation(ranges, state.chain.is_prismatic, PRIOR_GROWTH)
     regions = outer_regions(angles, used)
-    excess, weight = [np.zeros(0)], [np.zeros(0)]
+    judged: list[tuple[HeldOutReadings, FloatArray, FloatArray]] = []
     held_out_of = cross_validate_regions(fit, state, references, [rows for _, rows in regions], MOST_PREDICTED)
     for (joint, rows), found in zip(regions, held_out_of, strict=True):
         held_out = found.select_informative(own_variance(fit.references, found.rows))
@@ -108,10 +109,13 @@ def growing_outside(
             continue
         at = angles[held_out.rows]
         part = variance * function.share(at) * held_out.freedom
-        excess.append(least_growth(with_unspanned(held_out, fit, state), part, distance))
-        weight.append(np.full(len(held_out.rows), 1 / len(held_out.rows)))
-    if len(excess) > 1:
-        whole = replace(whole, growth=_weighted_quantile(np.concatenate(excess), np.concatenate(weight), LEVEL))
+        judged.append((with_unspanned(held_out, fit, state), part, distance))
+    if judged:
+        of_regions, variances, distances = zip(*judged, strict=True)
+        together = reduce(HeldOutReadings.and_also, of_regions)
+        excess = least_growth(together, np.concatenate(variances), np.concatenate(distances))
+        weight = np.concatenate([np.full(len(one), 1 / len(one)) for one in distances])
+        whole = replace(whole, growth=_weighted_quantile(excess, weight, LEVEL))
     return replace(function, beyond=whole)
 
 
