@@ -12,6 +12,7 @@ from refusals import refuses
 from truearm.arm import Pose, load_arm
 from truearm.identification.terms import Temperature
 from truearm.models import KinematicModel, PhysicalModel
+from truearm.wings.exports.correct import correct
 from truearm.wings.exports.targets.correction import correct_targets, task_of
 from truearm.wings.exports.targets.inverse import (
     follow,
@@ -158,6 +159,16 @@ def test_a_target_out_of_reach_is_refused_and_no_other(ur10):
     others = np.delete(np.arange(len(tips)), 3)
     alone = corrected(ur10, Targets(ur10.joints[others], tips[others]))
     np.testing.assert_allclose(found.joints[others], alone.joints, atol=SAME_RAD)
+
+
+def test_targets_in_another_unit_are_named_with_it(ur10):
+    """Joints in rad taken for deg, points in m for mm and in mm for m; right targets bring no such word."""
+    joints = ur10.joints[:6]
+    assert "check the unit" not in str(correct(ur10.model, joints))
+    assert "if the angles were in rad: check the unit" in str(correct(ur10.model, np.radians(joints)))
+    for factor in (1e-3, 1e3):
+        wrong = Targets(joints, tips=factor * nominal_of(ur10.model, joints).tip_in_base)
+        assert f"times {1 / factor:g} only" in str(correct(ur10.model, wrong))
 
 
 def test_a_limit_is_named_with_the_joint_and_by_how_much(ur10):
