@@ -456,7 +456,7 @@ def identify_physical(
             same_in_every_pose = [term for term in terms if term in rigid]
             found, process, lost = _with_residual_process(readings, same_in_every_pose, everything, simpler, estimate)
             skipped = [*lost, *skipped]
-    return _concluded(readings, found, tuple(skipped), process, complete=_with_all_states)
+    return _concluded(readings, found, tuple(skipped), process, complete=_with_all_states, rigid=simpler)
 
 
 def _with_residual_process(
@@ -626,8 +626,9 @@ def _concluded(
     same_every_day: bool = False,
     complete: Complete | None = None,
     missing: IdentificationResult | None = None,
+    rigid: IdentificationResult | None = None,
 ) -> Identification:
-    """What identified terms are worth: steps 4 and 5."""
+    """What identified terms are worth: steps 4 and 5; `rigid` is the arm with its constants alone."""
     fit, held_out = found
     refuse_common_gain(common_gain(fit), readings.measured)
     is_excluded = np.isin(held_out.rows, excluded_readings(fit))
@@ -659,8 +660,8 @@ def _concluded(
 
     signs = []
     if not same_every_day:
-        rigid = constants(readings.state.chain, free=readings.free)
-        signs = unshown_signs(fit, readings.state, readings.references, rigid)
+        every = constants(readings.state.chain, free=readings.free)
+        signs = unshown_signs(fit, readings.state, readings.references, every, rigid)
     stated = 0.0 if readings.measured.u_scale_ppm is None else PPM * float(readings.measured.u_scale_ppm.max())
     reference_variance = reference_scale_variance(fit, readings.references) + stated**2
     whole = what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, wider=wider)

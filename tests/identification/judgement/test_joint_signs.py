@@ -42,6 +42,14 @@ def test_a_reversed_joint_whose_axis_meets_the_tip_is_said():
     assert "a tip farther from its axis" in said
 
 
+def test_harmonics_that_take_a_reversed_joint_up_do_not_hide_it():
+    """The physical model leaves half of what the constants leave, and says it all the same; not of a right joint."""
+    training = ta.simulate("ur10", poses=100, strategy="measuring", preset="research", seed=2).session
+    for session, n in ((reversed_j6(training), 1), (training, 0)):
+        model = ta.PhysicalModel(ta.load_arm("ur10")).fit_readings(session)
+        assert len([one for one in model.findings_ if "J6 seems to turn the other way" in str(one)]) == n
+
+
 def test_the_uncertainty_contains_both_signs_where_no_readings_are():
     """Trained in a box and used anywhere: without the other sign the error is 2.1 times the uncertainty."""
     test = reversed_j6(simulated("uniform", seed=2, poses=200))

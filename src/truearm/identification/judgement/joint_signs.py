@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +64,11 @@ class UnshownSign(NamedTuple):
 
 
 def unshown_signs(
-    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], constants: Sequence[Term]
+    fit: IdentificationResult,
+    state: ArmState,
+    references: Sequence[Reference],
+    constants: Sequence[Term],
+    rigid: IdentificationResult | None = None,
 ) -> list[UnshownSign]:
     """The joints of which the readings do not show the sign, and whose sign moves the tip by more than they scatter.
 
@@ -76,30 +81,35 @@ def unshown_signs(
         Those of the identification.
     constants : sequence of Term
         All constants of the arm, with those of the free parts.
+    rigid : IdentificationResult, optional
+        The arm with its constants alone, where `fit` has harmonics: of such a joint they take up its wrong sign.
     """
-    most, stated = MOST_MOTION * LENGTH_STD * relative_size(fit.chain), None
+    most = MOST_MOTION * LENGTH_STD * relative_size(fit.chain)
     some = state.rows(select_evenly(np.arange(len(state)), min(FEW, len(state))))
     offsets = _offsets(fit, some)
+    left = cache(lambda arm, at: contrasts(arm, at, references, constants, []))
+    judges = [(fit, LEAST_ODDS), *([] if rigid is None else [(rigid, 1 / LEAST_ODDS)])]
     found = []
     for joint in np.flatnonzero(~state.chain.is_prismatic).tolist():
         angles = some.joint_angles[:, joint]
         moved = 2 * np.sin(angles - angles.mean())[:, None] * offsets[:, joint]
         if np.ptp(angles) < LEAST_TURN or np.sqrt((moved**2).sum(axis=1).mean()) > most:
             continue
-        stated = stated or contrasts(fit, state, references, constants, [])
-        turned, freedom = _reversed(state, joint), max(stated.freedom, 1)
-        variances = [
-            max(one.squares / freedom, LEAST_NOISE_MM**2)
-            for one in (stated, contrasts(fit, turned, references, constants, []))
-        ]
-        log_odds = 0.5 * min(stated.freedom, MOST_INDEPENDENT) * float(np.log(variances[0] / variances[1]))
-        if log_odds < np.log(LEAST_ODDS):
+        turned = _reversed(state, joint)
+        for judge, least in judges:
+            stated, other = left(judge, state), left(judge, turned)
+            variances = [max(one.squares / max(stated.freedom, 1), LEAST_NOISE_MM**2) for one in (stated, other)]
+            independent = min(stated.freedom, MOST_INDEPENDENT)
+            log_odds = 0.5 * independent * float(np.log(variances[0] / variances[1]))
+            if log_odds >= np.log(least):
+                break
+        else:
             continue
-        other = linearised_about(fit, fit, turned, references)
-        offset = _offsets(other, _reversed(some, joint))[:, joint].mean(axis=0)
+        mended = linearised_about(fit, fit, turned, references)
+        offset = _offsets(mended, _reversed(some, joint))[:, joint].mean(axis=0)
         std = float(np.sqrt(expit(min(log_odds, np.log(MOST_ODDS)))))
         if 2 * std * np.linalg.norm(offset) > np.sqrt(min(variances)):
-            change, chain = other.coefficients - fit.coefficients, fit.perturbed_chain
+            change, chain = mended.coefficients - fit.coefficients, fit.perturbed_chain
             changes = {term: change[columns] for term, columns in zip(chain.terms, chain.columns, strict=True)}
             found.append(UnshownSign(changes, _terms(joint + 1, offset, std)))
     return found

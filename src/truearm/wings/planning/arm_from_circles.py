@@ -337,6 +337,7 @@ class CircleArm(TableRecord):
             yield "The base frame is not measured: that of the file is on an assumed axis of joint 1."
         else:
             yield "Of the base frame only z is measured, along the axis of joint 1; origin and x are not."
+        yield "Its lengths are as long as the points make them: check one with a ruler."
         if round_ones := self.near_round_values():
             yield (
                 f"Round values that a drawing may have here, within U (k = 2), not put in place of what was measured: "
