@@ -74,38 +74,38 @@ def _with_controllers(instrument: str) -> str:
     return imported(of_instrument, joints("measured_q{}"), own, options=options)
 
 
-@mistake("points of a marker beside what the controller calls measured", said=r"marker_x.* and measured_x.*--point \S")
+@mistake("points of a marker beside what the controller calls measured", said=r"marker_x.*; measured_x.*--point \S")
 def marker_and_measured() -> str:
     return _with_controllers("marker")
 
 
-@mistake("points of a tracker beside what the controller calls measured", said="two sets of columns may be the points")
+@mistake("points of a tracker beside what the controller calls measured", said="2 sets of columns may be the points")
 def tracker_and_measured() -> str:
     return _with_controllers("tracker")
 
 
-@mistake("points of a camera beside what the controller calls measured", said="two sets of columns may be the points")
+@mistake("points of a camera beside what the controller calls measured", said="2 sets of columns may be the points")
 def mocap_and_measured() -> str:
     return _with_controllers("mocap")
 
 
-@mistake("points without a word beside those that the controller calls measured", said="two sets of columns may be")
+@mistake("points without a word beside those that the controller calls measured", said="2 sets of columns may be")
 def plain_and_measured() -> str:
     parts = points("{}"), joints("measured_q{}"), points("measured_{}", IN_MM, "xyz")
     return imported(*parts, options=("--angle-unit", "rad"))
 
 
-@right("points of a tracker beside the pose that the controller displays", unsaid="two sets")
+@right("points of a tracker beside the pose that the controller displays", unsaid="2 sets")
 def tracker_and_displayed() -> str:
     return imported(joints(), points("{}", IN_MM), points("tracker_{}", axes="xyz"))
 
 
-@right("measured points beside those without a word", unsaid="two sets")
+@right("measured points beside those without a word", unsaid="2 sets")
 def measured_and_plain() -> str:
     return imported(joints(), points("{}", IN_MM), points("{}_measured"))
 
 
-@right("measured points beside nominal ones", unsaid="two sets")
+@right("measured points beside nominal ones", unsaid="2 sets")
 def measured_and_nominal() -> str:
     return imported(joints(), points("{} nominal", IN_MM), points("{} measured"))
 

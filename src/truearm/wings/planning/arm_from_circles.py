@@ -337,7 +337,6 @@ class CircleArm(TableRecord):
             yield "The base frame is not measured: that of the file is on an assumed axis of joint 1."
         else:
             yield "Of the base frame only z is measured, along the axis of joint 1; origin and x are not."
-        yield "Its lengths are as long as the points make them: check one with a ruler."
         if round_ones := self.near_round_values():
             yield (
                 f"Round values that a drawing may have here, within U (k = 2), not put in place of what was measured: "
@@ -345,6 +344,7 @@ class CircleArm(TableRecord):
             )
         yield from self.remarks
         yield self._circles_table()
+        yield "All lengths are as long as the points make them: check one with a ruler."
 
     def near_round_values(self) -> list[str]:
         """Constants that are a round value within their expanded uncertainty, such as ``J2 alpha 90 deg``."""
