@@ -174,6 +174,14 @@ OUTPUT_CLOSED = 141  # 128 + SIGPIPE
 FAULT = 70  # EX_SOFTWARE of sysexits.h; 1 would look like a verdict
 
 
+def console() -> NoReturn:
+    """The command ``truearm``, in a process of its own: see `run`."""
+    # What a short command makes lasts: to look for garbage in it, and once more at its end, is a tenth of a small fit.
+    gc.set_threshold(50_000)
+    atexit.register(gc.freeze)
+    run()
+
+
 def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and end the program.
 
@@ -188,9 +196,6 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     arguments = sys.argv[1:] if arguments is None else arguments
     # Pydantic's plugins watch what it checks: to look for them it reads about every package that is installed.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    # What a short command makes lasts: to look for garbage in it, and once more at its end, is a tenth of a small fit.
-    gc.set_threshold(50_000)
-    atexit.register(gc.freeze)
     _settle_encodings()
     try:
         with _signals_unwind():

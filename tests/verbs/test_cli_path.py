@@ -1,5 +1,6 @@
 """The whole path of a technician: simulate, split, fit, predict, evaluate, report; and what each verb says."""
 
+import gc
 import json
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import pandas as pd
 import pytest
 
 from truearm import __version__
-from truearm.command_line import COMMANDS
+from truearm.command_line import COMMANDS, run
 from truearm.models.model_file import load_model
 from truearm.readings import read_session
 
@@ -31,6 +32,13 @@ MODELS = ("nominal", "kinematic", "network")
 
 
 # What there is -------------------------------------------------------------------------------------------------------
+
+
+def test_a_program_that_calls_the_command_keeps_its_own_rule_of_garbage():
+    before = gc.get_threshold()
+    with pytest.raises(SystemExit):
+        run(["--version"])
+    assert gc.get_threshold() == before
 
 
 @pytest.fixture(scope="module")

@@ -150,7 +150,7 @@ def growth_of(model):
     )
 
 
-@pytest.mark.parametrize("degC", [20.0, pytest.param(26.0, marks=pytest.mark.weekly)])
+@pytest.mark.parametrize("degC", [pytest.param(20.0, marks=pytest.mark.weekly), 26.0])
 def test_a_model_without_growth_is_uncertain_where_slow_links_never_were(virtual, readings, degC):
     """At 26 degC, inside the thermometer's range; at the start of the session as before."""
     model = KinematicModel(virtual.nominal).fit_readings(readings)

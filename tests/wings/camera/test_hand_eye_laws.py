@@ -168,15 +168,15 @@ def test_regions_of_hand_eye_alone_hold_the_truth(eye_in_hand):
 @pytest.mark.slow
 @pytest.mark.parametrize("eye_in_hand", [False, pytest.param(True, marks=pytest.mark.weekly)])
 def test_regions_with_the_arm_identified_hold_the_truth(eye_in_hand):
-    """The short form of `python -m benchmarks handeye cells`: of 16 poses fewer than 13 have a probability of 0.1 %."""
+    """The short form of `python -m benchmarks handeye cells`: of 24 poses fewer than 20 have a probability of 0.7 %."""
     within = 0
-    for seed in range(8):
+    for seed in range(12):
         cell = make_cell(seed, 25, eye_in_hand=eye_in_hand, errors=(5e-4, 0.3), noise=(0.05, 0.2))
         found = cell.hand_eye(joints=True)
         for transform, true in ((found.camera, cell.camera), (found.board, cell.board)):
             off = small_motion(transform.T_parent_child, true)
             within += off @ np.linalg.solve(transform.covariance, off) < chi2.ppf(0.95, 6)
-    assert within >= 13
+    assert within >= 20
 
 
 @pytest.mark.parametrize(
