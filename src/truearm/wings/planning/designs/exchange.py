@@ -17,7 +17,8 @@ candidates follow from ``J_i U`` and ``J_i C M U`` alone, one product of all Jac
 n k^2 p operations, not n k p^2. A reading is removed in the same way with ``G = -(I - S_s)^-1``. A chosen reading
 is exchanged for the best other one as long as that lowers the criterion (Fedorov's algorithm as modified by Cook and
 Nachtsheim: each in turn, rather than the best of all pairs). The search ends at a local optimum, where no exchange of
-one for one helps. Information is kept as factors: rows F with ``F^T F`` the information, freed from nuisance parameters.
+one for one helps. Information is kept as factors: rows F with ``F^T F`` the information, freed from nuisance
+parameters.
 
 Sources: V. V. Fedorov, "Theory of Optimal Experiments", Academic Press 1972; R. D. Cook, C. J. Nachtsheim,
 "A comparison of algorithms for constructing exact D-optimal designs", Technometrics 22 (1980) 315; I-optimality with a
