@@ -116,6 +116,17 @@ def uncertainty(covariances):
     return np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
 
 
+def both_files(model, folder):
+    """The files in C and JavaScript; their table of uncertainties is of fewer poses than users have."""
+    c, js = folder / "arm.c", folder / "arm.mjs"
+    with pytest.MonkeyPatch.context() as patch:  # enough for some 150 coefficients
+        for name, n in (("N_POSES", 3000), ("N_BEYOND", 1000), ("N_JUDGES", 500)):
+            patch.setattr(reduced_covariance, name, n)
+        c_source.write(model, Manifest.of(model, "c"), c)
+        es_module.write(model, Manifest.of(model, "js"), js)
+    return c, js
+
+
 @pytest.fixture(
     scope="module",
     params=[
@@ -128,12 +139,7 @@ def written(request, tmp_path_factory):
     if shutil.which("cc") is None:
         pytest.skip("no C compiler is installed")
     folder, model = tmp_path_factory.mktemp(request.param), make_model(request.param)
-    c, js = folder / "arm.c", folder / "arm.mjs"
-    with pytest.MonkeyPatch.context() as patch:  # enough for some 150 coefficients
-        for name, n in (("N_POSES", 3000), ("N_BEYOND", 1000), ("N_JUDGES", 500)):
-            patch.setattr(reduced_covariance, name, n)
-        c_source.write(model, Manifest.of(model, "c"), c)
-        es_module.write(model, Manifest.of(model, "js"), js)
+    c, js = both_files(model, folder)
     # Without optimisation a compiler is fast, with it it sees more to warn of.
     level = "-O2" if request.param in ("large", "kinematic") else "-O0"
     library = ctypes.CDLL(str(c_source.compile_library(c, folder, *STRICT, level)))
@@ -350,9 +356,7 @@ def near_a_singularity(model):
 
 def all_joints(model, folder, q):
     """By direction: joints and codes from C, and the answers of JavaScript."""
-    c, js = folder / "arm.c", folder / "arm.mjs"
-    c_source.write(model, Manifest.of(model, "c"), c)
-    es_module.write(model, Manifest.of(model, "js"), js)
+    c, js = both_files(model, folder)
     written = Written(model, c, js, ctypes.CDLL(str(c_source.compile_library(c, folder, *STRICT, "-O0"))))
     for direction, call in (("command", "correct"), ("feedback", "feedback")):
         rows = es_module.run_module(js, call, [[row.tolist()] for row in q])

@@ -90,7 +90,7 @@ def test_a_damaged_program_is_refused_or_its_numbers_have_their_places(ending):
     assert n_read > 20
 
 
-@pytest.mark.parametrize("n", [20, pytest.param(200, marks=pytest.mark.weekly)])
+@pytest.mark.parametrize("n", [20, pytest.param(100, marks=pytest.mark.weekly)])
 @pytest.mark.parametrize("ending", PROGRAMS)
 def test_a_damaged_program_is_corrected_or_refused_as_a_whole(tmp_path, ending, n):
     arm, text = PROGRAMS[ending]
