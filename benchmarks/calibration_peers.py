@@ -32,7 +32,7 @@ from truearm.identification.references.orientations import Orientations
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms import ArmState, Constant, Term, constants
 from truearm.identification.terms.catalogue import tool_rotation
-from truearm.wings.planning.designs.information import rank_and_gap
+from truearm.wings.planning.designs.observability import rank_and_gap
 
 ROWS = Rows()
 

@@ -16,7 +16,7 @@ from truearm.typing import FloatArray
 from truearm.wings.camera.boards import Board, parse_board
 from truearm.wings.camera.detection import Detector, Image
 from truearm.wings.camera.image_files import read_image
-from truearm.wings.camera.sheets import opencv, opencv_dictionary
+from truearm.wings.camera.patterns import opencv, opencv_dictionary
 from truearm.wings.camera.simulate_images import ImageSimulation
 from truearm.wings.camera.virtual_cell import table_of
 

@@ -20,7 +20,8 @@ from truearm.models import Compensator, PhysicalModel, load_model
 from truearm.readings import Session
 from truearm.typing import FloatArray
 from truearm.wings.exports.targets.correction import correct_targets, task_of
-from truearm.wings.exports.targets.inverse import nominal_poses, poses_of, solve_poses
+from truearm.wings.exports.targets.inverse import solve_poses
+from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of
 from truearm.wings.exports.targets.targets import Targets
 from truearm.wings.planning.virtual import VirtualArm
 

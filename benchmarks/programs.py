@@ -27,7 +27,7 @@ from truearm.wings.exports.programs.correct_program import correct_program, lang
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.program import Edit, Program, Surroundings, with_edits
 from truearm.wings.exports.programs.solving import Solver
-from truearm.wings.exports.targets.inverse import nominal_poses, with_tool
+from truearm.wings.exports.targets.pose_models import nominal_poses, with_tool
 from truearm.wings.planning.virtual import VirtualArm
 
 ROWS = Rows()

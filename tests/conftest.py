@@ -107,7 +107,7 @@ def undrawn():
 def quick_plans():
     """Plans whose path is shortened in two rounds, not sixty, three quarters of their time: for tests around them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("truearm.wings.planning.designs.tour._ROUNDS", 2)
+        patch.setattr("truearm.wings.planning.designs.coordinate_exchange._ROUNDS", 2)
         yield
 
 

@@ -57,18 +57,10 @@ from truearm.identification.judgement.gross_errors import (
     median_distance,
     nearer_half,
     own_variance,
-    tail_freedom,
 )
 from truearm.identification.judgement.held_out_errors import HeldOutErrors, predicted_by_refits
-from truearm.identification.judgement.joint_signs import (
-    common_gain,
-    gains_asked,
-    identified_gains,
-    refuse_common_gain,
-    signs_not_shown,
-    unshown_signs,
-    with_unshown_signs,
-)
+from truearm.identification.judgement.joint_gains import common_gain, gains_asked, identified_gains, refuse_common_gain
+from truearm.identification.judgement.joint_signs import signs_not_shown, unshown_signs, with_unshown_signs
 from truearm.identification.judgement.length_scale import LengthScale, axis_scale, reference_scale_variance, refuse_axis
 from truearm.identification.judgement.missing_terms import (
     added_covariance,
@@ -100,6 +92,7 @@ from truearm.identification.judgement.stated_uncertainty import (
     check_stated_uncertainty,
     unlike_stated_uncertainty,
 )
+from truearm.identification.judgement.tails import tail_freedom
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import without_sizes
 from truearm.identification.references.references import Reference

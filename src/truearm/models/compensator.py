@@ -24,10 +24,10 @@ from truearm.identification.estimation.residual_variance import NONE_HELD_OUT
 from truearm.identification.estimation.tip_offsets import of_one_tip
 from truearm.identification.identify import Found, Progress, judge_description, place
 from truearm.identification.judgement.description_check import explaining
-from truearm.identification.judgement.gross_errors import ellipsoid_factor
 from truearm.identification.judgement.nominal_check import UNCHECKED
 from truearm.identification.judgement.repeating_residuals import UNKNOWN_SHARE
 from truearm.identification.judgement.stated_uncertainty import counts_rounding
+from truearm.identification.judgement.tails import ellipsoid_factor
 from truearm.identification.references.prepared_readings import MIN_ROWS, PreparedReadings
 from truearm.identification.references.reading_references import state_of
 from truearm.identification.references.session_frames import (

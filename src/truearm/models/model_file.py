@@ -12,7 +12,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.residual_process import GROUP
-from truearm.identification.judgement.gross_errors import LEAST_TAIL_FREEDOM
+from truearm.identification.judgement.tails import LEAST_FREEDOM
 from truearm.identification.references.session_frames import checked_frames
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.basis import check_parts
@@ -102,8 +102,8 @@ def check_model(model: Compensator) -> None:
             _check_shape("variance_function_.beyond.ranges", beyond.ranges, (n_joints, 2))
         if not 0 <= model.residual_std_ < np.inf:
             raise InputError("expected a residual standard deviation of 0 or more")
-        if not model.tail_freedom_ >= LEAST_TAIL_FREEDOM:
-            raise InputError(f"expected {LEAST_TAIL_FREEDOM:g} or more degrees of freedom of the tails")
+        if not model.tail_freedom_ >= LEAST_FREEDOM:
+            raise InputError(f"expected {LEAST_FREEDOM:g} or more degrees of freedom of the tails")
     if isinstance(model, IdentifiedModel):
         if not 1 <= model.birge_ratio_ < np.inf:
             raise InputError("expected a Birge ratio of 1 or more")

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from truearm.pages.plotting import finite_array
+from truearm.pages.arrays import finite_array
 from truearm.typing import FloatArray
 
 _WIDTH, _HEIGHT = 320, 150  # of the views side by side [pixels]

@@ -22,7 +22,8 @@ import numpy.typing as npt
 
 from truearm.errors import InputError
 from truearm.number_format import format_number
-from truearm.pages.plotting import Figure, finite_array
+from truearm.pages.arrays import finite_array
+from truearm.pages.plotting import Figure
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Every later one imports from those before it.

@@ -19,7 +19,7 @@ from truearm.findings import Finding, findings_of, format_mm, in_order
 from truearm.identification.estimation.diagnostics import identifiability
 from truearm.identification.judgement.frame_changes import SessionChange
 from truearm.identification.judgement.outliers import Outlier
-from truearm.identification.references.surfaces import is_offset
+from truearm.identification.references.distances import is_offset
 from truearm.identification.terms.type_prior import TypePrior, read_type_prior
 from truearm.models import MODELS, Compensator, NominalModel
 from truearm.models.arm_check import WAYS_TO_AN_ARM, arm_of_readings, with_serial_number

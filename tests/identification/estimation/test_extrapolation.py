@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from refusals import refuses
-from truearm.identification.estimation.residual_variance import STEEPEST_GROWTH, Extrapolation, VarianceFunction
+from truearm.identification.estimation.extrapolation import STEEPEST_GROWTH, Extrapolation
+from truearm.identification.estimation.residual_variance import VarianceFunction
 
 RANGES = np.array([[-1.0, 1.0], [0.0, 0.5], [100.0, 300.0]])
 SLIDES = np.array([False, False, True])

@@ -18,12 +18,13 @@ from plain_jacobian import plain_jacobian
 from truearm.arm import Arm, DHTable
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import SmallMotionProblem
+from truearm.identification.references.distances import Distances
 from truearm.identification.references.orientations import Orientations
 from truearm.identification.references.references import Points, seats_of
-from truearm.identification.references.surfaces import Distances, lines_of, planes_of, spheres_of
+from truearm.identification.references.surfaces import lines_of, planes_of, spheres_of
 from truearm.identification.terms import ArmState, Constant, Harmonics, Term, constants
 from truearm.identification.terms.catalogue import tool_rotation
-from truearm.wings.planning.designs.information import rank_and_gap
+from truearm.wings.planning.designs.observability import rank_and_gap
 
 # Kept and lost singular values stand so far apart or more.
 GAP = 1e6

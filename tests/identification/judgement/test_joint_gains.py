@@ -8,7 +8,7 @@ import pytest
 import truearm as ta
 from refusals import refuses
 from truearm.arm import chain_from_dh
-from truearm.identification.judgement.joint_signs import identified_gains
+from truearm.identification.judgement.joint_gains import identified_gains
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, JOINT_GAINS, gains, gravity
 

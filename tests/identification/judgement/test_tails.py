@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from refusals import refuses
 from truearm.arm import load_arm
 from truearm.identification.estimation.residual_variance import HeldOutReadings, conformal_residual_variance
-from truearm.identification.judgement.gross_errors import ellipsoid_factor, tail_freedom
+from truearm.identification.judgement.tails import ellipsoid_factor, tail_freedom
 from truearm.models import KinematicModel, load_model
 from truearm.wings.planning.virtual import VirtualArm, load_preset
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truearm.errors import InputError
-from truearm.identification.references.surfaces import Distances, distances_of, is_offset
+from truearm.identification.references.distances import Distances, distances_of, is_offset
 from truearm.readings import Session
 from truearm.readings.anchors import locate_anchor
 from truearm.typing import FloatArray

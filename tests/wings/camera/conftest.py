@@ -19,7 +19,7 @@ def lens():
 def view():
     """What makes an image of a board, by its text: the image, and where its corners truly are, (n, 2)."""
     pytest.importorskip("cv2", reason="opencv-python-headless is not installed")
-    from truearm.wings.camera.sheets import pattern_of
+    from truearm.wings.camera.patterns import pattern_of
     from truearm.wings.camera.simulate_images import Renderer
 
     def seen(text, *, seed=0, tilt=(0.25, -0.3, 0.2), distance=330.0, blur_px=0.7, noise=2.0, lens=LENS):

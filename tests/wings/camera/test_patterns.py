@@ -5,7 +5,7 @@ import pytest
 
 from truearm.errors import InputError
 from truearm.wings.camera.boards import Board, parse_board
-from truearm.wings.camera.sheets import Pattern, opencv, opencv_dictionary, pattern_of
+from truearm.wings.camera.patterns import Pattern, opencv, opencv_dictionary, pattern_of
 
 PICTURES = {  # pixels a mm that put all edges between pixels
     "charuco:8x11,15mm,11mm": 6,

@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter
 
 from truearm.wings.camera.boards import parse_board
 from truearm.wings.camera.lenses import Lens
-from truearm.wings.camera.sheets import pattern_of
+from truearm.wings.camera.patterns import pattern_of
 from truearm.wings.camera.simulate_images import ALONG, BEHIND, INK, MARGIN_MM, PAPER, Renderer
 
 

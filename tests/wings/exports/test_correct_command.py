@@ -10,8 +10,8 @@ import pytest
 
 import truearm as ta
 from refusals import refuses
-from truearm.wings.exports.targets.inverse import reference_from_base
 from truearm.wings.exports.targets.manifest import read_manifest
+from truearm.wings.exports.targets.pose_models import reference_from_base
 
 # Joints are printed to 12 digits, in degrees.
 PRINTED_DEG = 1e-9

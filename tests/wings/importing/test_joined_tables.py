@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.importing.foreign.joined_logs import join_tables
-from truearm.wings.importing.foreign.joined_tables import row_numbers, time_columns, time_of
+from truearm.wings.importing.foreign.joined_tables import row_numbers
+from truearm.wings.importing.foreign.time_columns import time_columns, time_of
 from truearm.wings.importing.tables.table import Table
 
 

@@ -30,8 +30,8 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.linearisation import eliminate_unknowns
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.references.alignment import rigid_motions
+from truearm.identification.references.distances import Distances
 from truearm.identification.references.references import Reference
-from truearm.identification.references.surfaces import Distances
 from truearm.identification.terms.state import ArmState
 from truearm.solve.linear_algebra import covariance_factor
 from truearm.typing import FloatArray

@@ -42,8 +42,9 @@ from truearm.identification.estimation.identification_result import Identificati
 from truearm.identification.estimation.linearisation import UNKNOWN_STD, eliminate_unknowns
 from truearm.identification.estimation.problem import SmallMotionProblem
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, NONE_HELD_OUT, HeldOutReadings
+from truearm.identification.references.distances import Distances
 from truearm.identification.references.references import LinearisedResiduals, Reference
-from truearm.identification.references.surfaces import Distances, Lines, Planes, Spheres
+from truearm.identification.references.surfaces import Lines, Planes, Spheres
 from truearm.identification.terms.state import ArmState
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray

@@ -44,7 +44,7 @@ from truearm.identification.judgement.description_check import (
     check_description,
     likelier_arm,
 )
-from truearm.identification.judgement.joint_signs import common_gain, gains_asked
+from truearm.identification.judgement.joint_gains import common_gain, gains_asked
 from truearm.identification.judgement.length_scale import (
     AxisScale,
     LengthScale,
@@ -53,11 +53,11 @@ from truearm.identification.judgement.length_scale import (
 )
 from truearm.identification.judgement.outliers import constraint_residuals
 from truearm.identification.judgement.structure import UNKNOWN, Remaining, remaining
+from truearm.identification.references.distances import is_offset
 from truearm.identification.references.orientations import LEVER_MM
 from truearm.identification.references.reading_references import without_sizes
 from truearm.identification.references.reference_table import ReferenceTable
 from truearm.identification.references.references import Reference
-from truearm.identification.references.surfaces import is_offset
 from truearm.identification.terms import ArmState, Term
 from truearm.readings.checks import remedy_of_unit
 from truearm.readings.lengths import Lengths

@@ -15,14 +15,9 @@ from functools import reduce
 
 import numpy as np
 
+from truearm.identification.estimation.extrapolation import STEEPEST_GROWTH, Extrapolation
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.residual_variance import (
-    LEVEL,
-    STEEPEST_GROWTH,
-    Extrapolation,
-    HeldOutReadings,
-    VarianceFunction,
-)
+from truearm.identification.estimation.residual_variance import LEVEL, HeldOutReadings, VarianceFunction
 from truearm.identification.judgement.cross_validation import cross_validate_regions
 from truearm.identification.judgement.gross_errors import own_variance
 from truearm.identification.judgement.missing_terms import with_covariance

@@ -14,18 +14,10 @@ from truearm.arm.chain import Chain
 from truearm.errors import InputError
 from truearm.findings import Finding
 from truearm.identification.references.alignment import align, rms_distance_from_line
+from truearm.identification.references.distances import Distances, distances_of
 from truearm.identification.references.orientations import Orientations, Poses, orient_flange_coarsely
 from truearm.identification.references.references import Points, Reference, Seats, StatedLength, seats_of
-from truearm.identification.references.surfaces import (
-    Distances,
-    Lines,
-    Planes,
-    Spheres,
-    distances_of,
-    lines_of,
-    planes_of,
-    spheres_of,
-)
+from truearm.identification.references.surfaces import Lines, Planes, Spheres, lines_of, planes_of, spheres_of
 from truearm.identification.references.tips import tip_names
 from truearm.identification.terms import ArmState, Basis, InSession, OfTip, Term
 from truearm.identification.terms.catalogue import tool_rotation

@@ -14,6 +14,7 @@ from matplotlib.ticker import FixedLocator
 
 from truearm.errors import InputError
 from truearm.number_format import format_count, format_number
+from truearm.pages.arrays import finite_array, finite_arrays, nonnegative_errors
 from truearm.pages.palette import INK, LIMIT, PAPER
 from truearm.pages.plotting import (
     LEFT_IN,
@@ -21,11 +22,8 @@ from truearm.pages.plotting import (
     Style,
     dot_style,
     figure_style,
-    finite_array,
-    finite_arrays,
     join_phrases,
     make_panel,
-    nonnegative_errors,
     set_log_scale,
     shorten,
     styles_of,

@@ -12,19 +12,9 @@ from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
 from truearm.number_format import format_count, format_number
+from truearm.pages.arrays import finite_array, finite_arrays
 from truearm.pages.palette import FAINT, INK, LIMIT, NAVY
-from truearm.pages.plotting import (
-    Figure,
-    Style,
-    dot_style,
-    figure_style,
-    finite_array,
-    finite_arrays,
-    join_phrases,
-    make_panel,
-    shorten,
-    styles_of,
-)
+from truearm.pages.plotting import Figure, Style, dot_style, figure_style, join_phrases, make_panel, shorten, styles_of
 from truearm.typing import FloatArray
 
 _USUAL_DEG = 180.0  # the least that is shown to each side where a joint has no limits

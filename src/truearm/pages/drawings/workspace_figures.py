@@ -14,16 +14,9 @@ from matplotlib.ticker import MaxNLocator
 
 from truearm.errors import InputError
 from truearm.number_format import format_count, format_number
+from truearm.pages.arrays import finite_array, nonnegative_errors
 from truearm.pages.palette import FAINT, LIMIT, NAVY
-from truearm.pages.plotting import (
-    RASTER_FROM,
-    Figure,
-    dot_style,
-    figure_style,
-    finite_array,
-    make_view,
-    nonnegative_errors,
-)
+from truearm.pages.plotting import RASTER_FROM, Figure, dot_style, figure_style, make_view
 from truearm.typing import FloatArray
 
 SIZE_IN = (4.6, 3.7)

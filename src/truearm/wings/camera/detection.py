@@ -16,7 +16,7 @@ import numpy.typing as npt
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.wings.camera.boards import Board
-from truearm.wings.camera.sheets import opencv, opencv_dictionary
+from truearm.wings.camera.patterns import opencv, opencv_dictionary
 
 # Half the side of the largest window [px], and the least that a window must hold.
 HALF_PX = 9

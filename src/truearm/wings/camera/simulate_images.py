@@ -23,7 +23,7 @@ from truearm.verbs.record import Record, number_of
 from truearm.wings.camera.boards import Board, named_board
 from truearm.wings.camera.image_files import COLUMN
 from truearm.wings.camera.lenses import Lens
-from truearm.wings.camera.sheets import Pattern, pattern_of
+from truearm.wings.camera.patterns import Pattern, pattern_of
 from truearm.wings.camera.virtual_cell import Seen, VirtualCell, board_for, working_lens
 from truearm.wings.planning.virtual.arm import VirtualArm
 

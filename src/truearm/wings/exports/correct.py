@@ -26,10 +26,10 @@ from truearm.verbs.predict import check_table_path
 from truearm.verbs.record import TableRecord, format_fixed, listed
 from truearm.wings.exports.targets import TargetDirection
 from truearm.wings.exports.targets.correction import JOINTS_OF_A_POSE, Correction, Untrained, correct_targets, turns_of
-from truearm.wings.exports.targets.inverse import nominal_poses, reference_from_base, with_tool
 from truearm.wings.exports.targets.joint_files import read_corrected, read_joint_file
 from truearm.wings.exports.targets.joint_files.joint_file import JointFile
 from truearm.wings.exports.targets.manifest import Frame, Manifest, TargetsManifest, check_joints, read_manifest
+from truearm.wings.exports.targets.pose_models import nominal_poses, reference_from_base, with_tool
 from truearm.wings.exports.targets.program_literals import (
     LANGUAGES,
     FanucJ3,

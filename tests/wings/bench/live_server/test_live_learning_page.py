@@ -13,7 +13,7 @@ from truearm.wings.bench.live_server.request_checks import RequestChecks
 from truearm.wings.bench.live_server.server import LiveServer
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import StandstillRule
-from truearm.wings.bench.sources.replay import virtual_arm
+from truearm.wings.bench.sources.virtual_arm import virtual_arm
 
 pytest.importorskip("websockets", reason="websockets is not installed")
 

@@ -17,7 +17,7 @@ from truearm.wings.exports.programs.correct_program import correct_program
 from truearm.wings.exports.programs.program import Move
 from truearm.wings.exports.programs.solving import PathEnds
 from truearm.wings.exports.programs.urscript import pose_numbers
-from truearm.wings.exports.targets.inverse import nominal_poses, poses_of, with_tool
+from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, with_tool
 from truearm.wings.exports.targets.targets import Targets
 
 IRB, KR = "irb2600-12-165", "kr16"

@@ -39,7 +39,7 @@ from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.correct_program import correct_program
-from truearm.wings.exports.targets.inverse import nominal_poses, poses_of, with_tool
+from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, with_tool
 from truearm.wings.exports.targets.targets import Targets
 
 N = 40

@@ -16,7 +16,7 @@ from truearm.wings.exports.programs.branches import ParallelAxes, polished
 from truearm.wings.exports.programs.correct_program import correct_program
 from truearm.wings.exports.programs.rapid import Rapid
 from truearm.wings.exports.programs.solving import Machine
-from truearm.wings.exports.targets.inverse import nominal_poses, poses_of, with_tool
+from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, with_tool
 from truearm.wings.exports.targets.targets import Targets
 
 RPY_TOOL = (35.0, -20.0, 140.0, 0.0, np.pi / 2, 0.0)

@@ -14,15 +14,8 @@ from truearm.identification.terms import Temperature
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.wings.exports.correct import correct
 from truearm.wings.exports.targets.correction import correct_targets, task_of
-from truearm.wings.exports.targets.inverse import (
-    follow,
-    keeps_configuration,
-    nominal_poses,
-    poses_of,
-    reference_from_base,
-    solve_poses,
-    with_tool,
-)
+from truearm.wings.exports.targets.inverse import follow, keeps_configuration, solve_poses
+from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, reference_from_base, with_tool
 from truearm.wings.exports.targets.targets import Targets
 from truearm.wings.importing import datasets
 

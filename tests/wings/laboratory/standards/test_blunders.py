@@ -8,8 +8,8 @@ import pytest
 
 from truearm.errors import InputError
 from truearm.wings.laboratory.standards.artefacts import CalibratedSphere
+from truearm.wings.laboratory.standards.blunders import in_groups, in_seats, on_spheres
 from truearm.wings.laboratory.standards.decision import Budget, ConformityResult
-from truearm.wings.laboratory.standards.evaluation import blunders_in_groups, blunders_in_seats, blunders_on_spheres
 from truearm.wings.laboratory.standards.measurands import SphereMeasurement
 from truearm.wings.laboratory.standards.measured_points import PointGroup
 from truearm.wings.laboratory.standards.positions import hemisphere
@@ -28,24 +28,24 @@ def group(points) -> PointGroup:
 
 
 def of_ball(points) -> list[str]:
-    return list(blunders_on_spheres("probing", [group(points)], [SphereMeasurement(BALL, points)], SIZE))
+    return list(on_spheres("probing", [group(points)], [SphereMeasurement(BALL, points)], SIZE))
 
 
 def of_seat(points) -> list[str]:
-    return list(blunders_in_seats("single_point", [group(points)]))
+    return list(in_seats("single_point", [group(points)]))
 
 
 def of_groups(centres) -> list[str]:
     balls = [12.5 * hemisphere(9) + centre for centre in centres]
     measured = [SphereMeasurement(BALL, points) for points in balls]
-    return list(blunders_in_groups("articulation", [group(points) for points in balls], measured))
+    return list(in_groups("articulation", [group(points) for points in balls], measured))
 
 
 @pytest.mark.parametrize(("times", "n_remarks"), [(2.0, 0), (-2.0, 0), (100.0, 1), (-100.0, 1)])
 def test_a_size_far_beyond_its_limit_on_either_side_asks_for_the_diameter(times, n_remarks):
     """A tip that was not taken off makes a ball too large, one that was taken off twice too small."""
     points, size = 12.5 * hemisphere(9), replace(SIZE, value=0.01 * times, limit=0.01)
-    remarks = list(blunders_on_spheres("probing", [group(points)], [SphereMeasurement(BALL, points)], size))
+    remarks = list(on_spheres("probing", [group(points)], [SphereMeasurement(BALL, points)], size))
     assert len(remarks) == n_remarks
     assert all("check diameter_mm of 'ball'" in remark for remark in remarks)
 

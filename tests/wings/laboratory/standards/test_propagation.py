@@ -8,7 +8,9 @@ from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_diameters, circumscribed_sphere
 from truearm.wings.laboratory.standards.artefacts import example_artefacts
 from truearm.wings.laboratory.standards.asme_b89_4_22 import volumetric
-from truearm.wings.laboratory.standards.decision import (
+from truearm.wings.laboratory.standards.measurands import LengthMeasurement, SphereMeasurement
+from truearm.wings.laboratory.standards.positions import hemisphere
+from truearm.wings.laboratory.standards.propagation import (
     ErrorSource,
     drawn_budget,
     farthest_pair,
@@ -21,8 +23,6 @@ from truearm.wings.laboratory.standards.decision import (
     two_s_of_points,
     value_range,
 )
-from truearm.wings.laboratory.standards.measurands import LengthMeasurement, SphereMeasurement
-from truearm.wings.laboratory.standards.positions import hemisphere
 from truearm.wings.laboratory.standards.specification import Specification
 
 RANGE = 2500.0

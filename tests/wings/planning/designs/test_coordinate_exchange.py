@@ -8,22 +8,20 @@ import pytest
 
 from truearm.arm import load_arm
 from truearm.arm.chain import Chain
-from truearm.wings.planning.designs import tour
+from truearm.wings.planning.designs import coordinate_exchange
 from truearm.wings.planning.designs.candidates import ON_A_TABLE, NearbyPoses, seat_poses, tracker_poses
-from truearm.wings.planning.designs.exchange import DesignProblem
-from truearm.wings.planning.designs.prior import nominal_prior
-from truearm.wings.planning.designs.proposal import Artefact, propose
-from truearm.wings.planning.designs.sampling import CONE_RAD, inner_limits
-from truearm.wings.planning.designs.tour import (
+from truearm.wings.planning.designs.coordinate_exchange import (
     ENOUGH_RAD,
     MOST_UNCERTAINTY,
-    joint_moves,
-    mean_joint_move,
-    order_of_few_moves,
     shorten_path,
     squared_uncertainty,
     wanted_angles,
 )
+from truearm.wings.planning.designs.exchange import DesignProblem
+from truearm.wings.planning.designs.prior import nominal_prior
+from truearm.wings.planning.designs.proposal import Artefact, propose
+from truearm.wings.planning.designs.sampling import CONE_RAD, inner_limits
+from truearm.wings.planning.designs.tour import joint_moves, mean_joint_move, order_of_few_moves
 from truearm.wings.planning.designs.workspace import Box, Sector, Surroundings, joint_origins
 
 CASES = {
@@ -105,7 +103,7 @@ def a_problem(rng, n=10, p=6):
 @pytest.mark.parametrize("seed", [0, *(pytest.param(i, marks=pytest.mark.weekly) for i in range(1, 4))])
 def test_updates_and_exact_calculation_agree(rng, seed, monkeypatch):
     """A path of updates keeps within the uncertainty that is calculated without them."""
-    monkeypatch.setattr(tour, "ENOUGH_RAD", 0.0)
+    monkeypatch.setattr(coordinate_exchange, "ENOUGH_RAD", 0.0)
     arm, poses, problem, factors = a_problem(rng)
     nearby = NearbyPoses(arm, ON_A_TABLE, Sector())
     found = shorten_path(arm, poses, problem, factors, nearby, seed=seed)
@@ -131,7 +129,7 @@ def test_where_no_other_pose_is_allowed_the_plan_stays(rng):
 
 
 def test_progress_is_told(rng, monkeypatch):
-    monkeypatch.setattr(tour, "ENOUGH_RAD", 0.0)
+    monkeypatch.setattr(coordinate_exchange, "ENOUGH_RAD", 0.0)
     arm, poses, problem, factors = a_problem(rng)
     told = []
     nearby = NearbyPoses(arm, ON_A_TABLE, Sector())

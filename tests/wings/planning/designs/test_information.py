@@ -10,7 +10,8 @@ from truearm.identification.terms.catalogue import constants, own_axis
 from truearm.identification.terms.state import ArmState
 from truearm.readings import Lengths
 from truearm.wings.planning.designs.candidates import bar_places, seat_poses, tracker_poses, volume_poses
-from truearm.wings.planning.designs.information import SEAT_STD_MM, design_problem, observability, tip_jacobian
+from truearm.wings.planning.designs.information import SEAT_STD_MM, design_problem, tip_jacobian
+from truearm.wings.planning.designs.observability import observability
 from truearm.wings.planning.designs.prior import Prior, nominal_prior
 from truearm.wings.planning.designs.proposal import LENGTH_U_MM, information_rows
 

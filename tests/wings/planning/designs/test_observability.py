@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from truearm.arm.chain import Chain
-from truearm.wings.planning.designs.information import observability, rank_and_gap
+from truearm.wings.planning.designs.observability import observability, rank_and_gap
 
 
 def test_the_indices_of_a_case_solved_by_hand():

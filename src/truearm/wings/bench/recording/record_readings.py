@@ -21,7 +21,7 @@ from truearm.typing import FloatArray
 from truearm.wings.bench.recording.recording import Recording, RecordingOptions
 from truearm.wings.bench.recording.session_log import Event
 from truearm.wings.bench.sources import Notice, Sample, Source
-from truearm.wings.bench.sources.replay import virtual_arm
+from truearm.wings.bench.sources.virtual_arm import virtual_arm
 from truearm.wings.planning.plan import plan
 from truearm.wings.planning.virtual import VirtualArm
 

@@ -15,10 +15,11 @@ from truearm.wings.bench.sources.line_pattern import text_lines
 from truearm.wings.bench.sources.microscribe import microscribe, microscribe_arm
 from truearm.wings.bench.sources.mqtt import mqtt
 from truearm.wings.bench.sources.opcua import opcua
-from truearm.wings.bench.sources.replay import replay, virtual_arm
+from truearm.wings.bench.sources.replay import replay
 from truearm.wings.bench.sources.ros2 import ros2
 from truearm.wings.bench.sources.sample import Source
 from truearm.wings.bench.sources.ur_rtde import ur_rtde
+from truearm.wings.bench.sources.virtual_arm import virtual_arm
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from truearm.identification.references.alignment import align
 from truearm.models import Compensator
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats import ExportFormat
-from truearm.wings.exports.targets.inverse import with_tool
 from truearm.wings.exports.targets.manifest import EXACT_MM, Manifest, TargetsManifest, content_hash, provenance_of
+from truearm.wings.exports.targets.pose_models import with_tool
 
 
 class FormatSpec(NamedTuple):

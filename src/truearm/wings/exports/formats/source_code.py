@@ -17,7 +17,7 @@ import numpy.typing as npt
 from truearm.arm import Chain
 from truearm.errors import InputError, MissingTool
 from truearm.files.atomic_write import atomic_file
-from truearm.identification.estimation.residual_variance import Extrapolation
+from truearm.identification.estimation.extrapolation import Extrapolation
 from truearm.identification.terms import Expression, link_vectors
 from truearm.identification.terms.links import UNKNOWN_MATERIAL
 from truearm.models import Compensator

@@ -31,7 +31,7 @@ from truearm.wings.exports.programs.numbers import angles_of
 from truearm.wings.exports.programs.program import NOT_THERE, Condition, Language, Move, MoveKind, Target
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.correction import correct_targets
-from truearm.wings.exports.targets.inverse import with_tool
+from truearm.wings.exports.targets.pose_models import with_tool
 from truearm.wings.exports.targets.targets import Targets
 
 _SIX, _FOUR = 6, 4

@@ -22,24 +22,21 @@ from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.wings.exports.targets import TargetDirection
 from truearm.wings.exports.targets import Untrained as Untrained
-from truearm.wings.exports.targets.inverse import JOINTS_OF_A_POSE as JOINTS_OF_A_POSE
 from truearm.wings.exports.targets.inverse import (
     MAX_CONDITION,
     MAX_STEPS,
-    PoseModel,
     PoseTask,
     follow,
     freedom,
     keeps_configuration,
-    nominal_poses,
-    poses_of,
-    reference_from_base,
     scaled_jacobian,
     solve_poses,
     turn_between,
 )
-from truearm.wings.exports.targets.inverse import turns_of as turns_of
 from truearm.wings.exports.targets.manifest import Frame, check_joints
+from truearm.wings.exports.targets.pose_models import JOINTS_OF_A_POSE as JOINTS_OF_A_POSE
+from truearm.wings.exports.targets.pose_models import PoseModel, nominal_poses, poses_of, reference_from_base
+from truearm.wings.exports.targets.pose_models import turns_of as turns_of
 from truearm.wings.exports.targets.targets import Targets
 
 # A correction, apart from joint offsets, is some mrad; more [rad] is a pose near a singular one, or a mistake.
@@ -127,7 +124,7 @@ def correct_targets(
     Parameters
     ----------
     model : Compensator
-        Fitted; with another tool, see `truearm.wings.exports.targets.inverse.with_tool`.
+        Fitted; with another tool, see `truearm.wings.exports.targets.pose_models.with_tool`.
     targets : Targets
     direction : {"command", "feedback"}
         What to send, or what the encoders mean.

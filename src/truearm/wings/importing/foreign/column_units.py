@@ -25,8 +25,8 @@ from truearm.wings.exports.targets.lerobot_motors import (
 from truearm.wings.importing.foreign.no_readings import lost_targets
 from truearm.wings.importing.foreign.program_columns import split_unit
 from truearm.wings.importing.foreign.table_columns import JointScale, JointUnit, TableColumns, certain_unit
-from truearm.wings.importing.tables.cells import canonical_unit, conversion, unit_in_name
 from truearm.wings.importing.tables.table import Table
+from truearm.wings.importing.tables.units import canonical_unit, conversion, unit_in_name
 
 
 def lerobot_meaning(

@@ -21,17 +21,15 @@ from truearm.wings.importing.foreign.clock_offset import (
 )
 from truearm.wings.importing.foreign.joined_tables import (
     JoinedTable,
-    Times,
     beside,
     join_by_name,
     join_by_row,
     named,
     numeric_columns,
     rows_said,
-    time_columns,
-    time_of,
 )
 from truearm.wings.importing.foreign.no_readings import lost_targets
+from truearm.wings.importing.foreign.time_columns import Times, time_columns, time_of
 from truearm.wings.importing.tables.table import Table, listed
 
 # A standstill lasts so long at least, and the tip moves by no more [s, mm].

@@ -23,8 +23,8 @@ from truearm.errors import InputError
 from truearm.readings.readings import PAYLOAD
 from truearm.typing import FloatArray, NameArray
 from truearm.wings.importing.foreign.table_columns import JointUnit, TableColumns, is_other
-from truearm.wings.importing.tables.cells import canonical_unit
 from truearm.wings.importing.tables.table import columns_named
+from truearm.wings.importing.tables.units import canonical_unit
 
 # Four numbers in a row are a quaternion if their length is 1 in all rows, of more than this many, to rounding.
 _UNIT_LENGTH, _FEW_ROWS = 1e-3, 2

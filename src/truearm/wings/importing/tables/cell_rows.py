@@ -16,17 +16,10 @@ from truearm.errors import InputError
 from truearm.files.delimited import MAX_NAME, quoted_cell
 from truearm.number_format import MINUS
 from truearm.typing import FloatArray, IntArray, NameArray
-from truearm.wings.importing.tables.cells import (
-    DOUBTFUL,
-    canonical_unit,
-    clean,
-    is_number,
-    number_of,
-    parse_cell,
-    split_label,
-)
+from truearm.wings.importing.tables.cells import DOUBTFUL, clean, is_number, number_of, parse_cell, split_label
 from truearm.wings.importing.tables.layout import Layout, foot_length, is_text, numeric_columns, recognise_layout
 from truearm.wings.importing.tables.table import Place, Table, TableForm, listed
+from truearm.wings.importing.tables.units import canonical_unit
 
 OTHER = {".": ",", ",": "."}
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
-from truearm.wings.importing.tables.cells import is_number, is_value, split_label, unit_in_name, units_of_row
+from truearm.wings.importing.tables.cells import is_number, is_value, split_label
+from truearm.wings.importing.tables.units import unit_in_name, units_of_row
 
 Row = Sequence[str]
 

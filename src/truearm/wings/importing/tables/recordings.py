@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from truearm.errors import InputError, extra_module
-from truearm.wings.importing.tables.cells import name_without_unit, unit_in_name
 from truearm.wings.importing.tables.named_arrays import MAX_CELLS, choose_part, columns_of_records, table_of_columns
 from truearm.wings.importing.tables.table import Table, TableForm, unreadable
+from truearm.wings.importing.tables.units import name_without_unit, unit_in_name
 
 
 def _joints(message: Any) -> dict[str, float]:

@@ -12,7 +12,7 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.files.delimited import quoted_cell
 from truearm.typing import FloatArray, IntArray, NameArray
-from truearm.wings.importing.tables.cells import name_without_unit
+from truearm.wings.importing.tables.units import name_without_unit
 
 Place = Literal["line", "row", "record"]
 

@@ -19,7 +19,7 @@ from truearm.files.toml_documents import Document, Name, NotNegative, Positive, 
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.wings.laboratory import TemplateKind
-from truearm.wings.laboratory.standards.decision import ErrorSource, in_each
+from truearm.wings.laboratory.standards.propagation import ErrorSource, in_each
 
 # No calibrated artefact has a larger form deviation or uncertainty [mm]; such numbers are micrometres.
 LARGEST_MM = 0.2

@@ -14,11 +14,15 @@ import numpy as np
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.standards.artefacts import Seat
-from truearm.wings.laboratory.standards.decision import (
-    ConformityResult,
-    DecisionRule,
+from truearm.wings.laboratory.standards.decision import ConformityResult, DecisionRule, assess_conformity, worst_result
+from truearm.wings.laboratory.standards.measurands import (
+    LengthMeasurement,
+    SphereMeasurement,
+    length_sources,
+    worst_size_error,
+)
+from truearm.wings.laboratory.standards.propagation import (
     Statistic,
-    assess_conformity,
     drawn_budget,
     half_range,
     largest_distance,
@@ -27,13 +31,6 @@ from truearm.wings.laboratory.standards.decision import (
     two_s,
     two_s_of_points,
     value_range,
-    worst_result,
-)
-from truearm.wings.laboratory.standards.measurands import (
-    LengthMeasurement,
-    SphereMeasurement,
-    length_sources,
-    worst_size_error,
 )
 from truearm.wings.laboratory.standards.specification import Specification
 

@@ -16,14 +16,12 @@ from truearm.wings.laboratory.standards.decision import (
     Budget,
     ConformityResult,
     DecisionRule,
-    ErrorSource,
     Verdict,
     assess_conformity,
-    drawn_budget,
-    farthest_pair,
     worst_result,
 )
 from truearm.wings.laboratory.standards.measurands import LengthMeasurement, SphereMeasurement, worst_size_error
+from truearm.wings.laboratory.standards.propagation import ErrorSource, drawn_budget, farthest_pair
 from truearm.wings.laboratory.standards.specification import Specification
 
 

@@ -22,15 +22,17 @@ from truearm.wings.laboratory.standards.decision import (
     Budget,
     ConformityResult,
     DecisionRule,
-    ErrorSource,
     assess_conformity,
+    worst_result,
+)
+from truearm.wings.laboratory.standards.positions import frame_about, hemisphere
+from truearm.wings.laboratory.standards.propagation import (
+    ErrorSource,
     drawn_budget,
     in_each,
     linear_budget,
     value_range,
-    worst_result,
 )
-from truearm.wings.laboratory.standards.positions import frame_about, hemisphere
 from truearm.wings.laboratory.standards.specification import Specification
 
 # Fewer points on a ball leave no degree of freedom.

@@ -25,11 +25,13 @@ from truearm.wings.planning.designs.candidates import (
     tracker_poses,
     volume_poses,
 )
+from truearm.wings.planning.designs.coordinate_exchange import shorten_path
 from truearm.wings.planning.designs.exchange import DesignProblem, project_out, select_candidates
-from truearm.wings.planning.designs.information import Observability, design_problem, observability, tip_jacobian
+from truearm.wings.planning.designs.information import design_problem, tip_jacobian
+from truearm.wings.planning.designs.observability import Observability, observability
 from truearm.wings.planning.designs.planned_readings import checked_count, checked_seed
 from truearm.wings.planning.designs.prior import Prior
-from truearm.wings.planning.designs.tour import mean_joint_move, order_of_few_moves, shorten_path
+from truearm.wings.planning.designs.tour import mean_joint_move, order_of_few_moves
 from truearm.wings.planning.designs.workspace import Sector, Surroundings
 
 Progress = Callable[[int, str], None]
