@@ -81,6 +81,25 @@ def test_a_joint_that_slipped_is_named_and_its_readings_after_it_are_used():
     assert followed.model.residual_std_ < 0.2 * result.model.residual_std_ or followed.model.residual_std_ < 0.02
 
 
+def test_the_base_about_joint_1_or_its_zero_is_named_as_both_and_two_sessions_help():
+    """The same motion of every point: that names in the column session do not help was said of it."""
+    good = ta.simulate("ur5", poses=90, preset="shop", seed=2).session
+    turned = np.array([[1.0, -1e-3, 0.0], [1e-3, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    points = good.points.copy()
+    points[40:] = points[40:] @ turned.T
+    result = ta.fit("ur5", replace(good, points=points), model="kinematic")
+    (change,) = result.frame_changes
+    assert change.change.row == 40
+    said = str(change)
+    assert "or the zero of joint 1 (no reading shows which), moved between reading 40 and reading 41" in said
+    assert "by 0.057" in said
+    assert "Enter one name up to reading 40 and another from reading 41 in the column session" in said
+    names = np.where(np.arange(90) < 40, "a", "b")
+    followed = ta.fit("ur5", replace(good, points=points, session=names), model="kinematic")
+    assert followed.frame_changes == ()
+    assert len(result.outliers) > 20 > 2 > len(followed.outliers)  # one side was excluded
+
+
 def test_auto_offers_no_hybrid_where_something_changed(monkeypatch):
     """And says why: its networks would learn when it was."""
     monkeypatch.delitem(CANDIDATES, "physical")  # quicker

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import truearm as ta
@@ -165,3 +166,12 @@ def test_the_figure_of_a_record_is_saved_and_its_absence_is_said(records, model_
     with pytest.raises(ta.InputError, match=r"expected the ending \.svg, \.pdf, \.png, got '\.eps'"):
         records["report"].save_figures(tmp_path / "figures", ending=".eps")
     assert not (tmp_path / "figures").exists()
+
+
+@pytest.mark.parametrize(("n", "is_few"), [(1, True), (3, True), (10, False)])
+def test_an_evaluation_on_few_readings_says_that_they_show_nothing(n, is_few):
+    session = ta.simulate("ur10", poses=50, seed=1).session
+    model = ta.fit("ur10", session.rows(np.arange(40)), model="nominal").model
+    said = ta.evaluate(model, session.rows(np.arange(40, 40 + n))).summary()
+    assert f" on {n} reading{'s' * (n > 1)}" in said
+    assert ("So few readings show nothing" in said) == is_few

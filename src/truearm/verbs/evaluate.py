@@ -70,6 +70,11 @@ if TYPE_CHECKING:
     from truearm.verbs.evaluation_sums import CoverageSums, EvaluationSums
 
 
+# The mean error of fewer readings depends on which they are: of one it is that of its pose.
+FEW = 10
+FEW_SAID = "So few readings show nothing of the arm's other poses: evaluate on 10 or more, all over its reach."
+
+
 class RegressorLike(Protocol):
     """A fitted object that predicts points [mm] of shape (n, 3) from joint angles [rad; mm] of shape (n, n_joints)."""
 
@@ -386,7 +391,8 @@ class Evaluation(TableRecord):
         ):
             if key in own:
                 compared = "" if nominal is None else compare_with_nominal(own[key], nominal[key])
-                return with_lengths(f"{of} {format_mm(own[key])} on {own[n]} readings", compared, lengths) + "."
+                said = with_lengths(f"{of} {format_mm(own[key])} on {number_of(own[n])}", compared, lengths) + "."
+                return f"{said} {FEW_SAID}" if own[n] < FEW else said
         assert lengths is not None  # nothing else is known of these readings
         compared = compare_with_nominal(lengths.largest_mm, lengths.nominal_mm)
         return f"Largest error of {number_of(lengths.n, 'length')} {format_mm(lengths.largest_mm)}{compared}."
@@ -407,7 +413,7 @@ class Evaluation(TableRecord):
             yield self.sums.effective_number()
         if "mean_mm" in own:
             names = [name for name in own if name.endswith("_mm") and not name.startswith(("seat_", "distance_"))]
-            yield self._table(f"{own['n']} readings", names)
+            yield self._table(number_of(own["n"]), names)
             if "nominal" in self.errors:
                 yield _removed(own["removed_percent"])
             if self.coverage is not None:

@@ -21,6 +21,8 @@ LEAST_SHARE = 0.2
 # leave 0.030 mm at new poses, 0.023 in 2 sessions, 0.017 in 4, 0.015 in 8, and 0.015 without a drift.
 READINGS_A_SESSION, MAX_SESSIONS = 15, 8
 FRAME, TIP, ZERO = "the base or the reference", "the tip", "the zero of joint {}"
+# A frame that turns about the axis of joint 1 moves all points as the zero of that joint does.
+FRAME_OR_ZERO = "the base about the axis of joint 1, or the zero of joint 1 (no reading shows which),"
 
 
 @dataclass(frozen=True)
@@ -70,30 +72,36 @@ class SessionChange:
         odds = self.change.odds
         return tuple(what for what, share in odds.items() if share * CLEAR_ODDS > odds[self.change.what])
 
+    @property
+    def _is_of_frame(self) -> bool:
+        """Whether a name for the readings on each side cures it."""
+        return {*self.candidates} <= {FRAME, ZERO.format(1)}
+
     def _named(self) -> str:
         first, *others = self.candidates
         share = self.change.odds[first]
-        if not others:
+        if not others or self._is_of_frame:
+            first = FRAME if first == FRAME else FRAME_OR_ZERO if self._is_of_frame else first
             return first[0].upper() + first[1:]
         return f"One of these ({', '.join([first, *others])}; {first} with a probability of {share:.0%})"
 
     def _turned(self) -> str:
         """By how much the zero of a joint changed, if it is sure which one."""
-        if len(self.candidates) > 1 or self.change.what in (FRAME, TIP):
+        if (len(self.candidates) > 1 and not self._is_of_frame) or self.change.what in (FRAME, TIP):
             return ""
-        by = abs(float(self.change.motion[0]))
-        return f": the joint by {by:.4f} mm" if self.is_prismatic else f": the joint by {np.degrees(by):.4f} degrees"
+        by, what = abs(float(self.change.motion[0])), "" if self._is_of_frame else "the joint "
+        return f": {what}by {by:.4f} mm" if self.is_prismatic else f": {what}by {np.degrees(by):.4f} degrees"
 
     def _advice(self) -> str:
         if self.change.kind == "drift":
             advice = "Let the arm and the reference warm up and settle, and measure again."
-            if self.candidates == (FRAME,) and self.n_sessions > 1:
+            if self._is_of_frame and self.n_sessions > 1:
                 advice += (
                     f" Until then, divide the readings in their order into {self.n_sessions} sessions of equal size, "
                     "by names in the column session."
                 )
             return advice
-        if self.candidates == (FRAME,):
+        if self._is_of_frame:
             return (
                 f"Enter one name up to {self.last_before} and another from {self.first_after} in the column session, "
                 "and fit again."
