@@ -27,6 +27,7 @@ from truearm.identification.judgement.frame_changes import SessionChange, frame_
 from truearm.identification.judgement.gross_errors import excluded_readings
 from truearm.identification.judgement.held_out_errors import exceeds, group_means, selected, trimmed_mean
 from truearm.identification.judgement.outliers import Outlier, length_outliers, outliers
+from truearm.identification.judgement.reading_groups import reading_groups
 from truearm.identification.judgement.stated_uncertainty import rounded_angles
 from truearm.identification.references.orientations import LEVER_MM
 from truearm.identification.references.prepared_readings import PreparedReadings
@@ -355,7 +356,12 @@ def _selection(
     found = [*model_findings(model, arm_model, readings), *held_out_findings(model, nominal)]
     if why_no_hybrid is not None:
         found.append(Finding("hybrid model", f"The hybrid model was not compared: {why_no_hybrid}."))
-    found += [Finding("change", str(one), {"shift_mm": one.change.shift_mm}) for one in changes]
+    causes = [Finding("change", str(one), {"shift_mm": one.change.shift_mm}) for one in changes]
+    if not causes and arm_model.identified_arm is not None:
+        causes = [*reading_groups(arm_model.identified_arm, readings)]
+    if causes:  # of scatter that the stated uncertainty does not have
+        found = [one for one in found if one.what != "stated uncertainty" or one.numbers["stated_over_scatter"] > 1]
+    found += causes
     return Selection(
         model,
         table,

@@ -33,9 +33,10 @@ MOST_SCATTER = 200.0
 SUSPECT_NOMINAL = 2.0
 # Share of their largest spread that points have along an axis at least, to show a scatter along it.
 LEAST_SPREAD = 0.01
-# What ratios near these mean: the scatter also contains what the arm does, so that they may differ by a factor.
+# What ratios near these mean: the scatter also contains what the arm does, so that they may be smaller by a factor;
+# larger they are by the error of a scatter alone.
 MISTAKES = {1e3: ", as if micrometres were entered as mm", 1e-3: ", as if it were entered in metres"}
-NEAR = 5.0
+NEAR, ABOVE = 5.0, 1.5
 
 
 def stated_ratio(fit: IdentificationResult, axis: int | None = None) -> float | None:
@@ -110,7 +111,7 @@ def unlike_stated_uncertainty(fit: IdentificationResult) -> tuple[Finding, ...]:
     else:
         said = (
             f"The reference points scatter {1 / ratio:.0f} times as much as their stated uncertainty"
-            f"{_mistake(ratio)}. Check its unit; if it is right, nearly all of the scatter is the arm's."
+            f"{_mistake(ratio)}. Check its unit; if it is right, look for a change, or rows that are mixed up."
         )
     return (Finding("stated uncertainty", said, {"stated_over_scatter": ratio}),)
 
@@ -159,7 +160,7 @@ def _spread_axes(points: FloatArray) -> list[int]:
 
 def _mistake(ratio: float) -> str:
     """The exchange of units that would explain a ratio, as the end of a sentence; empty if there is none."""
-    return next((text for factor, text in MISTAKES.items() if 1 / NEAR < ratio / factor < NEAR), "")
+    return next((text for factor, text in MISTAKES.items() if 1 / NEAR < ratio / factor < ABOVE), "")
 
 
 def _scatter(residuals: FloatArray, n_effective: float) -> float:
