@@ -208,6 +208,16 @@ def test_too_few_distances_are_ignored_and_named(real, rng):
     assert "anchor A has 3 usable readings; at least 4 are needed. Ignored." in found.remarks
 
 
+@pytest.mark.parametrize(("unit", "mm"), [("cm", 10.0), ("inch", 25.4)])
+def test_distances_of_a_printed_arm_in_another_unit_are_named_with_it(unit, mm):
+    """Its lengths are no better known than to some per cent, so that it may be of that size: what was said."""
+    options = {"preset": "printed", "anchors": 3, "reference": False, "strategy": "uniform", "seed": 3}
+    session = ta.simulate("so101", poses=40, **options).session
+    with pytest.raises(InputError, match="shorter than drawn") as caught:
+        ta.fit("so101", replace(session, distance_mm=session.distance_mm / mm))
+    assert f"the distances to anchors may be in {unit}: convert them to mm" in caught.value.hint
+
+
 def test_distances_in_another_unit_are_refused(real, wires):
     with pytest.raises(InputError, match="misses its references"):
         NominalModel(real.arm).fit_readings(replace(wires, distance_mm=wires.distance_mm / 25.4).rows(np.arange(24)))

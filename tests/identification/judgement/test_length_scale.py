@@ -163,6 +163,15 @@ def test_a_bar_typed_wrongly_is_refused(typed, bar):
     assert "are 500.0" in caught.value.hint or "are 499.9" in caught.value.hint  # what the drawing makes of it
 
 
+def test_micrometres_typed_as_mm_are_no_uncertainty_of_a_length(bar):
+    """u_mm = 5 of 500 mm: by it the arm may have any size, which was refused as one of 89 % less."""
+    session, lengths = bar
+    wrong = replace(lengths, u_mm=np.full(len(lengths), 5.0))
+    with pytest.raises(InputError, match="u_mm = 5 is 1 % of the length: it shows no size") as caught:
+        ta.fit("measuring7", session, lengths=wrong, model="kinematic")
+    assert "5 um are 0.005 mm" in caught.value.hint
+
+
 def test_a_board_of_another_size_is_named_as_a_scale(measured):
     """Poses of a board of 15 % smaller squares: that the arm is another one, or described wrongly, is no answer."""
     R = Rotation.from_matrix(UR10.chain.pose(measured.angles).R_base_tip)

@@ -46,6 +46,7 @@ from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms import ArmState, Term
 from truearm.identification.terms.catalogue import LENGTHS
 from truearm.identification.terms.links import link_vectors
+from truearm.readings.checks import remedy_of_unit
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Measurements
 from truearm.solve.threads import one_blas_thread
@@ -57,6 +58,8 @@ SCATTERS = np.concatenate([[0.0], np.geomspace(1e-6, 1e2, 97)])
 LEAST_LEARNED = 1e-3
 # Common scale that an arm may have: a UR10 has 0.0010 (u 0.0006), other real arms less, aluminium in 30 degC 0.00023.
 LEAST_SCALE = 1e-3
+# Known lengths that are more uncertain, as a share, are none: of a tape a metre is known to 0.001.
+LOOSE_LENGTH = 3e-3
 # It is said from this size and so many standard uncertainties on.
 LEAST_SAID, SURE = 2e-4, 3.0
 # Of an arm whose zeros are off: it is a kit of few lengths, of which the scatter is known roughly.
@@ -185,7 +188,14 @@ def refuse_wrong_scale(scale: LengthScale, arm: Arm, readings: Measurements, len
     )
     if lengths is None or readings.has_point.any():
         hint = f"check the scale and the unit of the reference (divided by {size:.4f} it fits the drawing), {drawing}"
-        readings.contradict(problem, hint=hint)
+        of_unit = remedy_of_unit(readings, arm.chain.tip_in_base(readings.angles))
+        readings.contradict(problem, hint=of_unit or hint)
+    elif (loose := lengths.u_mm / lengths.length_mm).max() > LOOSE_LENGTH:
+        row = int(loose.argmax())
+        u_mm = float(lengths.u_mm[row])
+        problem = f"u_mm = {u_mm:g} is {100 * loose[row]:.2g} % of the length: it shows no size of the arm"
+        hint = f"state u_mm in mm: {u_mm:g} um are {u_mm / 1000:g} mm"
+        contradict(lengths.error(problem, row, column="u_mm", hint=hint))
     else:
         stated = float(lengths.length_mm[0])
         hint = f"check the length: {stated:g} mm are {stated / size:.{_decimals(scale.u * stated)}f} mm by the drawing"
