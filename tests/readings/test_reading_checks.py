@@ -24,7 +24,7 @@ from truearm.readings import (
     read_session,
     skip_beyond_limits,
 )
-from truearm.readings.checks import remedy_of_unit
+from truearm.readings.checks import frozen_joints, remedy_of_unit
 
 LIMITS = np.radians([[-180.0, 180.0], [-90.0, 90.0]])
 HEADER = "q1_deg,q2_deg,x_mm,y_mm,z_mm\n"
@@ -277,3 +277,35 @@ def test_reference_points_that_spread_about_as_far_as_the_tips_pass(rng):
     for factor in (0.3, 1.0, 3.0):
         check_scale(Session(rng.uniform(-2, 2, (50, 6)), factor * tips), tips)
     check_scale(Session(rng.uniform(-2, 2, (50, 6))), tips)
+
+
+TURNING = np.zeros(6, dtype=bool)
+
+
+def test_an_encoder_that_froze_for_some_readings_is_named_with_its_lines():
+    """Every joint in turn, to the last digit; the same rows with noise of a millionth of a degree are readings."""
+    angles = np.random.default_rng(1).uniform(-2, 2, (60, 6))
+    assert frozen_joints(Session(angles, np.zeros((60, 3))), TURNING) == ()
+    for joint in range(6):
+        frozen = angles.copy()
+        frozen[20:28, joint] = frozen[20, joint]
+        (said,) = frozen_joints(Session(frozen, np.zeros((60, 3))), TURNING)
+        at = np.degrees(frozen[20, joint])
+        assert said.startswith(f"J{joint + 1} is {at:.6g} deg in all readings from reading 21 to reading 28, to the")
+        frozen[:, joint] += 1e-8 * np.random.default_rng(2).normal(size=60)
+        assert frozen_joints(Session(frozen, np.zeros((60, 3))), TURNING) == ()
+
+
+def test_joints_that_a_program_keeps_still_are_no_frozen_encoders():
+    """A grid of few values, joints that move one at a time, a locked joint, and poses read several times."""
+    rng = np.random.default_rng(3)
+    random = rng.uniform(-2, 2, (90, 6))
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 3)] * 4, [0.5], [0.1], indexing="ij"), axis=-1).reshape(-1, 6)
+    grid[:, 5] = rng.uniform(-2, 2, len(grid))
+    alone = np.repeat(rng.uniform(-2, 2, (1, 6)), 90, axis=0)
+    for joint in range(6):
+        alone[15 * joint : 15 * joint + 15, joint] = rng.uniform(-2, 2, 15)
+    locked = random.copy()
+    locked[:, 4] = 0.3
+    for angles in (grid, alone, locked, np.repeat(random, 8, axis=0)):
+        assert frozen_joints(Session(angles, np.zeros((len(angles), 3))), TURNING) == ()

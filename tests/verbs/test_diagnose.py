@@ -45,6 +45,14 @@ def test_a_right_arm_is_said_to_be_right(readings):
     assert diagnosis.to_dict()["findings"] == []
 
 
+def test_a_frozen_encoder_is_named_by_the_doctor_and_by_a_fit(readings):
+    angles = readings.angles.copy()
+    angles[10:18, 5] = angles[10, 5]
+    frozen = replace(readings, angles=angles)
+    assert "J6 is " in "\n".join(map(str, ta.diagnose("gao2017", frozen).blocks()))
+    assert any("to the last digit" in one for one in ta.fit("gao2017", frozen, model="nominal").remarks)
+
+
 def test_it_says_which_readings_it_compares(readings):
     """A shift by one row needs a neighbour on either side; of many readings sixty show what all do."""
     assert "Compared: 38 of 40 readings, those with a reference point" in str(ta.diagnose("gao2017", readings))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,10 @@ MAX_REACHES = 4.0
 MAX_SCALE = 8.0
 # Units of length that points may be in by mistake [mm].
 UNITS_MM = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
+# Poses in a row with one and the same angle of a joint, at least, and between which other joints move [rad, mm].
+LEAST_FROZEN, MOVES, MOVES_MM = 6, np.radians(1.0), 5.0
+# Share of poses that counts as most.
+MOST_OF_ROWS = 0.8
 # Times by which nominal tips miss distances less in their unit: of printed arms, whose drawings are the worst, 5 to 50.
 LESS_MISSED = 4.0
 
@@ -266,6 +271,39 @@ def check_temperature(session: Session) -> None:
         column="temperature_degC",
         hint=f"{degC[row]:g} degrees Fahrenheit are {(degC[row] - 32) / 1.8:.1f} degC: state degC",
     )
+
+
+def frozen_joints(session: Session, slides: BoolArray) -> tuple[str, ...]:
+    """Name joints whose angle is the same to the last digit in row after row, while the others move: a frozen encoder.
+
+    Elsewhere the joint must take a new value in nearly every pose: programs that move some joints alone, or to the few
+    values of a grid, keep the others still on purpose.
+    """
+    rows = np.flatnonzero(np.concatenate([[True], (np.diff(session.angles, axis=0) != 0).any(axis=1)]))
+    angles, found = session.angles[rows], []
+    moves = np.abs(np.diff(angles, axis=0)) > np.where(slides, MOVES_MM, MOVES)
+    for joint, values in enumerate(angles.T):
+        ends = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(rows)]])
+        others = np.delete(moves, joint, axis=1).sum(axis=1) >= min(2, moves.shape[1] - 1)
+        runs = [
+            slice(start, stop)
+            for start, stop in pairwise(ends)
+            if stop - start >= LEAST_FROZEN and others[start : stop - 1].mean() > MOST_OF_ROWS
+        ]
+        outside = np.ones(len(rows), dtype=bool)
+        for run in runs:
+            outside[run] = False
+        n = int(outside.sum())
+        if not runs or 2 * n < len(rows) or len(np.unique(values[outside])) < MOST_OF_ROWS * n:
+            continue
+        for run in runs:
+            at = f"{values[run.start]:.6g} mm" if slides[joint] else f"{np.degrees(values[run.start]):.6g} deg"
+            first, last = (session.called(int(rows[row])) for row in (run.start, run.stop - 1))
+            found.append(
+                f"J{joint + 1} is {at} in all readings from {first} to {last}, to the last digit, while other joints "
+                "move: its encoder or the record of it froze. Delete these readings, or measure them again."
+            )
+    return tuple(found)
 
 
 def limit_excesses(

@@ -21,7 +21,7 @@ from truearm.identification.judgement.nominal_check import NominalCheck
 from truearm.identification.references.prepared_readings import PreparedReadings
 from truearm.identification.references.reference_table import LEAST_READINGS, MOST_READINGS, reference_table
 from truearm.readings import Lengths, Session, read_lengths
-from truearm.readings.checks import check_angles
+from truearm.readings.checks import check_angles, frozen_joints
 from truearm.solve.threads import one_blas_thread
 from truearm.verbs.inputs import ArmLike, LengthsLike, SessionLike, to_arm, to_free_parts, to_session
 from truearm.verbs.record import TableRecord, TextTable, columns_of
@@ -89,7 +89,8 @@ def diagnose(
     check = check or check_description(nominal, table)
     if not check.findings and (other := likelier_arm(nominal, table)) is not None:
         check = replace(check, findings=(other,))
-    return Diagnosis(nominal, check, n_given=len(given), judged=judged)
+    frozen = frozen_joints(given, nominal.chain.is_prismatic)
+    return Diagnosis(nominal, check, n_given=len(given), judged=judged, frozen=frozen)
 
 
 def _as_fit_judges(arm: Arm, session: Session, lengths: Lengths | None, free: tuple[str, ...]) -> NominalCheck | None:
@@ -115,12 +116,15 @@ class Diagnosis(TableRecord):
         Number of readings of the session.
     judged : NominalCheck or None
         How `fit` judges the nominal arm: what its constants and gains of its joints explain.
+    frozen : tuple of str
+        Joints whose angle stands still for some readings though the others move.
     """
 
     arm: Arm
     check: DescriptionCheck
     n_given: int
     judged: NominalCheck | None = None
+    frozen: tuple[str, ...] = ()
 
     def mended_arm(self) -> Arm:
         """The arm without the mistake that was found. `truearm.arm.write_arm` writes it.
@@ -170,6 +174,7 @@ class Diagnosis(TableRecord):
         """See `Record.blocks`."""
         check = self.check
         yield self.summary()
+        yield from self.frozen
         yield from self.arm.remarks
         if len(check.findings) > 1:
             yield f"These readings do not tell {len(check.findings)} mistakes apart: look at the arm for each of them."

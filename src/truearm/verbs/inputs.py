@@ -41,7 +41,7 @@ from truearm.readings import (
     seat_errors,
 )
 from truearm.readings.anchors import LEAST_COMPARED, LEAST_READINGS, distance_errors, has_located_anchor
-from truearm.readings.checks import MAX_SKIPPED_SHARE, check_session_fits, skip_not_of_arm
+from truearm.readings.checks import MAX_SKIPPED_SHARE, check_session_fits, frozen_joints, skip_not_of_arm
 from truearm.readings.readings import PAYLOAD
 from truearm.readings.repeats import MergedReadings, merge_repeats
 from truearm.readings.session import doubtful_names
@@ -562,7 +562,8 @@ def readings_to_fit(
     check_session_fits(used.session, model, n_joints=arm.n_joints, min_rows=MIN_ROWS, reach=reach, sliding=slides)
     if is_base_free:
         check_spread(used.session, arm)
-    return used._replace(findings=(*used.findings, *doubtful_names(given, used.lengths)))
+    frozen = findings_of("still joint", frozen_joints(given, slides))
+    return used._replace(findings=(*used.findings, *doubtful_names(given, used.lengths), *frozen))
 
 
 def training_findings(model: Compensator, n_known: int, n: int) -> tuple[Finding, ...]:
