@@ -100,6 +100,18 @@ def test_the_base_about_joint_1_or_its_zero_is_named_as_both_and_two_sessions_he
     assert len(result.outliers) > 20 > 2 > len(followed.outliers)  # one side was excluded
 
 
+def test_distances_that_are_10_mm_longer_from_a_row_on_are_named():
+    """A wire that was hooked in otherwise; a good session of wires is not questioned."""
+    options = {"preset": "printed", "anchors": 3, "reference": False, "strategy": "uniform", "seed": 5}
+    good = ta.simulate("so101", poses=40, **options).session
+    assert ta.fit("so101", good, model="kinematic").frame_changes == ()
+    longer = replace(good, distance_mm=good.distance_mm + 10.0 * (np.arange(len(good)) >= 60))
+    (change,) = ta.fit("so101", longer, model="kinematic").frame_changes
+    assert change.change.row == 60
+    assert "The zero of the distances, or an anchor or the base" in str(change)
+    assert change.change.shift_mm == pytest.approx(10.0, abs=2.0)  # the anchors' places take some of it
+
+
 def test_auto_offers_no_hybrid_where_something_changed(monkeypatch):
     """And says why: its networks would learn when it was."""
     monkeypatch.delitem(CANDIDATES, "physical")  # quicker

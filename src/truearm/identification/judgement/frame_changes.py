@@ -21,6 +21,7 @@ LEAST_SHARE = 0.2
 # leave 0.030 mm at new poses, 0.023 in 2 sessions, 0.017 in 4, 0.015 in 8, and 0.015 without a drift.
 READINGS_A_SESSION, MAX_SESSIONS = 15, 8
 FRAME, TIP, ZERO = "the base or the reference", "the tip", "the zero of joint {}"
+DISTANCES = "the zero of the distances, or an anchor or the base (distances do not show which),"
 # A frame that turns about the axis of joint 1 moves all points as the zero of that joint does.
 FRAME_OR_ZERO = "the base about the axis of joint 1, or the zero of joint 1 (no reading shows which),"
 
@@ -87,7 +88,7 @@ class SessionChange:
 
     def _turned(self) -> str:
         """By how much the zero of a joint changed, if it is sure which one."""
-        if (len(self.candidates) > 1 and not self._is_of_frame) or self.change.what in (FRAME, TIP):
+        if (len(self.candidates) > 1 and not self._is_of_frame) or self.change.what in (FRAME, TIP, DISTANCES):
             return ""
         by, what = abs(float(self.change.motion[0])), "" if self._is_of_frame else "the joint "
         return f": {what}by {by:.4f} mm" if self.is_prismatic else f": {what}by {np.degrees(by):.4f} degrees"
@@ -119,10 +120,10 @@ def frame_changes(fit: IdentificationResult, readings: PreparedReadings) -> Iter
     ----------
     fit : IdentificationResult
     readings : PreparedReadings
-        In the order in which they were measured; without points nothing is tested.
+        In the order in which they were measured; without points or distances nothing is tested.
     """
-    part = next((one for one in fit.references if one.kind == "point"), None)
-    if (points := readings.points) is None or part is None:
+    part = next((one for one in fit.references if one.kind in ("point", "distance")), None)
+    if part is None:
         return
     session, named = readings.measured, readings.measured.session
     names = np.full(len(session), "") if named is None else named
@@ -131,11 +132,17 @@ def frame_changes(fit: IdentificationResult, readings: PreparedReadings) -> Iter
         own = order[names[part.rows[order]] == name]
         rows = part.rows[own]
         angles = session.angles[rows]
-        motions = _motions(fit, angles, points[rows])
+        if readings.points is None or part.kind == "distance":
+            motions = {DISTANCES: np.eye(3)[None, :, :1].repeat(len(rows), axis=0)}
+        else:
+            motions = _motions(fit, angles, readings.points[rows])
         robust = np.ones(len(part.rows))
         robust[own] = _of_single_errors(part.robust_weight[own])
-        weights = replace(part, robust_weight=robust).weights.T[own] ** 2
-        residuals = part.residuals.T[own]
+        weights, residuals = (
+            # A distance counts as one axis of a point of which the others were not measured.
+            np.pad(values.T[own], [(0, 0), (0, 3 - len(values))])
+            for values in (replace(part, robust_weight=robust).weights ** 2, part.residuals)
+        )
         of_all_mm = np.sqrt(np.average((residuals**2).sum(axis=1), weights=part.robust_weight[own]))
         for change in session_changes(angles, motions, residuals, weights, rows):
             if change.shift_mm < LEAST_SHARE * of_all_mm:
