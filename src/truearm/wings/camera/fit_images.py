@@ -157,8 +157,13 @@ def fit_images(
     zeros, doubted = result.model.nominal_check_.identified, any(pair.sentences for pair in placed.pairs)
     if result.identifies_constants and zeros is not None and zeros.zeros and (doubted or placed.contradiction):
         # Right images contradict an arm whose zeros are off: they are judged again by the zeros found.
-        placed = _Placed.of(known, cell, result.arm_with_zeros())
-        settled, result = fitted(placed)
+        try:
+            again = _Placed.of(known, cell, result.arm_with_zeros())
+            settled, result = fitted(again)
+            placed = again
+        except InputError as error:
+            said = f"Images could not be judged again by the zeros found: {error.problem}; those ignored stay so."
+            placed = replace(placed, findings=(*placed.findings, Finding("hand-eye", said)))
     _check_apart(placed, result)
     if found := accepted(result.model.accepted_):  # the fit says what it accepted itself; before and after was more
         result.model.accepted_ = found

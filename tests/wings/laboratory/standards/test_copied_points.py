@@ -1,6 +1,7 @@
 """Copies of measurements are found wherever they were moved, and noise is never taken for one."""
 
 import datetime
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,59 @@ def test_a_copy_in_another_order_is_found_and_noise_in_any_order_is_none():
                 for one in seats
             ]
             assert find_repeated(rounded) is None
+
+
+def seats(rng, of_seat, *, decimals=6, n=10):
+    """Ten seats of ten points that `of_seat` scatters [mm]."""
+    for i in range(n):
+        points = np.round(of_seat(rng) + 300.0 * i + rng.uniform(-1, 1, 3), decimals)
+        yield PointGroup("seat", {"position": str(i)}, points, 20.0, 0.0, DAY, lines=tuple(range(10 * i, 10 * i + 10)))
+
+
+def on_grid(step_mm):
+    """Points with a scatter of 10 um that are on an oblique grid, another one in every seat."""
+
+    def of_seat(rng):
+        counts = np.round(rng.normal(0, 0.01, (10, 3)) / step_mm)
+        return counts * step_mm @ np.linalg.qr(rng.normal(size=(3, 3)))[0]
+
+    return of_seat
+
+
+@pytest.mark.parametrize(
+    ("of_seat", "decimals"),
+    [
+        (on_grid(0.01), 6),
+        (on_grid(0.02), 6),
+        (on_grid(0.01), 3),
+        (lambda rng: rng.normal(0, (0.02, 0.0005, 0.0005), (10, 3)), 3),
+        (lambda rng: rng.normal(0, (0.01, 0.0002, 0.0002), (10, 3)), 3),
+    ],
+)
+def test_points_that_are_equal_by_coarse_digits_or_encoders_are_not_refused(of_seat, decimals):
+    """On an oblique grid as coarse as the scatter, and where the scatter has one direction: up to 2 in 100 remarked."""
+    found = [find_repeated(list(seats(np.random.default_rng(i), of_seat, decimals=decimals))) for i in range(100)]
+    assert not any(one and one[2] for one in found)
+    assert sum(one is not None for one in found) <= 2
+
+
+@pytest.mark.parametrize(
+    ("copied", "source", "certain"),
+    [([4], [3], True), ([4, 5], [3, 3], True), ([14], [3], True), ([4, 5, 6], [0, 1, 2], True), ([7], [2], False)],
+    ids=["bounce", "bounce of two", "other seat", "block", "one row of a seat"],
+)
+@pytest.mark.parametrize("scatter_mm", [0.01, (0.02, 0.0005, 0.0005)])
+def test_copies_that_no_grid_explains_are_certain_where_rows_follow_or_seats_differ(
+    copied, source, certain, scatter_mm
+):
+    for seed in range(10):
+        groups = list(seats(np.random.default_rng(seed), lambda rng: rng.normal(0, scatter_mm, (10, 3))))
+        points = np.concatenate([one.points for one in groups])
+        points[copied] = points[source]
+        groups = [replace(one, points=points[10 * i : 10 * i + 10]) for i, one in enumerate(groups)]
+        _, said, is_certain = find_repeated(groups)
+        assert said.startswith(f"position {copied[0] // 10}: the point of line {copied[0]} has the same coordinates as")
+        assert is_certain == certain
 
 
 def test_a_run_that_is_the_mean_of_two_others_was_not_measured():

@@ -396,14 +396,15 @@ def _with_largest_expected(
 
 
 def copy_remarks(angles: FloatArray, artefact: Sequence[str]) -> list[str]:
-    """Name artefacts with readings whose joint angles are the same to the last digit: no hand holds so still."""
+    """Name artefacts with readings whose joint angles are the same to the last digit: these show no scatter."""
     remarks = []
     for name in sorted({*artefact} - {""}):
         own = angles[np.array(artefact) == name]
         if copies := len(own) - len(np.unique(own, axis=0)):
             remarks.append(
                 f"{copies} of {len(own)} readings of {name} have the joint angles of another of them to the last "
-                "digit: copies, which do not scatter. Measure it again, and move the arm between readings."
+                "digit: they show no scatter. Unless the encoders are as coarse, or a robot returned to its pose, they "
+                "were stored twice: move the arm between readings."
             )
     return remarks
 

@@ -16,6 +16,9 @@ from math import lgamma, log
 from typing import TypeAlias
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from truearm.typing import FloatArray
 from truearm.wings.laboratory.standards.measured_points import PointGroup
@@ -29,8 +32,13 @@ AGREE_MM = 2e-5
 SCATTER_MM = 5e-3
 # Agreement is a copy where its chance is less: three numbers, of coordinates that are written to 0.00001 mm.
 CHANCE = 2e-8
-# Of points that are the same to the last digit, of all pairs of a test together.
-CHANCE_OF_REPEATED = 1e-6
+# Points that are the same to the last digit are certain to be copies where the chance is less, of all pairs of a test
+# together; they are remarked where it is less than the second.
+CERTAIN_CHANCE, REMARKED_CHANCE = 1e-4, 1e-2
+# Points nearer than this are at one place; they scatter by the second or more where no others show it [mm].
+PLACE_MM, LEAST_MM = 0.5, 1e-3
+# Of equal vectors between points so many may be expected where none is seen (95 %).
+UNSEEN = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,25 +96,97 @@ def find_copy(groups: Sequence[PointGroup], before: Sequence[PointGroup] | None 
     return None
 
 
-def find_repeated(groups: Sequence[PointGroup]) -> _Copy:
-    """Return the group of the first point of a test that repeats another one more often than rounding explains.
+def find_repeated(groups: Sequence[PointGroup]) -> tuple[PointGroup, str, bool] | None:
+    """Return the group of a point of a test that repeats another one, how, and whether it is certain to be a copy.
 
-    A trigger that bounces stores a point twice, in a seat too; a row pasted twice may lie in two repeats or positions.
+    Honest points repeat where digits or encoders are coarse against the scatter. How often is known by two signs: the
+    spread of points at one place against their step, and vectors between them that are the same, as on any grid.
+    Certain is a point stored twice in a row, or at two positions, on no grid; and a block of rows, or more copies than
+    any grid explains that shows so few equal vectors.
+
+    Returns
+    -------
+    (PointGroup, str, bool) or None
+        None where points repeat no more often than by chance.
     """
     points = np.concatenate([group.points for group in groups])
     first, same = np.unique(points, axis=0, return_index=True, return_inverse=True)[1:]
-    copies = len(points) - len(first)
-    # Of as many pairs as points of one place make.
-    pairs = len(points) * max(len(group.points) for group in groups) / 2
-    scatter = min(SCATTER_MM, max(1e-3, float(np.median([group.points.std(axis=0).mean() for group in groups]))))
-    expected = pairs * (max(_step(points), 1e-6) / (4 * scatter)) ** 3
-    if copies == 0 or copies * log(expected) - lgamma(copies + 1) >= log(CHANCE_OF_REPEATED):
+    source, n = first[same.reshape(-1)], len(points)
+    copies = np.flatnonzero(source != np.arange(n))
+    if len(copies) == 0:
         return None
-    copy = int(np.flatnonzero(first[same.reshape(-1)] != np.arange(len(points)))[0])
     of = [(group, line) for group in groups for line in group.lines]
-    group, line = of[copy]
-    source, before = of[first[same.reshape(-1)[copy]]]
-    return group, f"{group.where}: the point of line {line} has the same coordinates as line {before}, {source.where}"
+    places = _Places.of(points[first], max(_step(points), 1e-6))
+    tree = cKDTree(points)
+    pairs = (tree.count_neighbors(tree, PLACE_MM) - n) / 2
+    twice = [
+        i
+        for i in copies
+        if of[i][0].keys.get("position") != of[source[i]][0].keys.get("position")
+        or (of[i][0] is of[i - 1][0] and source[i - 1] == source[i])
+    ]
+    is_twice = len(twice) == len(copies)  # on a grid, points that do not follow each other repeat too
+    seen = places.alike(0.0)
+    if min(_chance_of_many(len(copies), pairs * seen), n * seen if is_twice else 1.0) >= REMARKED_CHANCE:
+        return None
+    # The longest block whose rows repeat rows in the same order.
+    broken = (np.diff(copies) != 1) | (np.diff(source[copies]) != 1)
+    block = max(map(len, np.split(copies, np.flatnonzero(broken) + 1)))
+    most = places.alike(UNSEEN)
+    certain = (
+        (is_twice and places.equal == 0 and n * places.chance < CERTAIN_CHANCE)
+        or (block > 1 and n**2 / 2 * most**block < CERTAIN_CHANCE)
+        or _chance_of_many(len(copies), pairs * most) < CERTAIN_CHANCE
+    )
+    copy = int(twice[0] if twice else copies[0])
+    (group, line), (other, before) = of[copy], of[source[copy]]
+    said = f"{group.where}: the point of line {line} has the same coordinates as line {before}, {other.where}"
+    return group, said, certain
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Vectors between different points at one place, and by them how often two points are the same by chance.
+
+    `chance` is that of a pair by the spread of the vectors against the step of the digits, whatever directions the
+    spread has. Of `compared` pairs of vectors at one place `equal` are the same.
+    """
+
+    chance: float
+    equal: float
+    compared: float
+
+    @classmethod
+    def of(cls, points: FloatArray, step: float) -> _Places:
+        near = cKDTree(points).query_pairs(PLACE_MM, output_type="ndarray")
+        if len(near) == 0:
+            return cls((step / (4 * LEAST_MM)) ** 3, 0.0, 0.0)
+        vectors = points[near[:, 1]] - points[near[:, 0]]
+        spread = np.sqrt(np.maximum(np.linalg.eigvalsh(vectors.T @ vectors / len(vectors)), 1e-18))
+        chance = float(np.prod(np.minimum(1.0, step / (np.sqrt(2 * np.pi) * spread))))
+        graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(points), len(points)))
+        place = connected_components(graph, directed=False)[1][near[:, 0]]
+        apart = 10 * PLACE_MM * place[:, None]
+        tree, turned = (cKDTree(np.hstack([each, apart])) for each in (vectors, -vectors))
+        # Of four rounded points; on the grid of the digits its neighbours count too.
+        within = 1.01 * step
+        equal = (tree.count_neighbors(tree, within) - len(near) + tree.count_neighbors(turned, within)) / 2
+        of_place = np.bincount(place).astype(float)
+        return cls(chance, float(equal), float((of_place * (of_place - 1)).sum() / 2))
+
+    def alike(self, unseen: float) -> float:
+        """The chance that a pair is the same, by the larger sign; of equal vectors so many more may be expected.
+
+        Vectors of a normal spread are equal 2**1.5 times more rarely than points: by sqrt(2) in each direction.
+        """
+        equal = self.equal + unseen
+        by_grid = min(1.0, 2**1.5 * equal / self.compared) if self.compared else float(unseen > 0)
+        return max(self.chance, by_grid)
+
+
+def _chance_of_many(n: int, expected: float) -> float:
+    """An upper bound of the chance of n or more (Poisson)."""
+    return float(np.exp(min(0.0, n * log(expected) - lgamma(n + 1))))
 
 
 def find_shared(groups: Sequence[PointGroup], before: Sequence[PointGroup]) -> _Copy:

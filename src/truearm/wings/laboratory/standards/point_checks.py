@@ -235,8 +235,12 @@ class PointChecks:
         if self.measured.file is None:
             return
         found = find_copy(groups)
-        if found is None and "end" not in groups[0].keys:  # lengths may share an end
-            found = find_repeated(groups)
+        if found is None and "end" not in groups[0].keys and (repeated := find_repeated(groups)) is not None:
+            group, said, certain = repeated  # lengths may share an end
+            if certain:
+                found = group, said
+            else:
+                self.remarks.append(f"test {name!r}: {said}; measure it again if it is a copy")
         for other in takewhile(lambda one: one != name, self.measured.tests):
             if found is None and (found := find_shared(groups, self.measured.tests[other])) is not None:
                 found = found[0], f"{found[1]} of test {other!r}"
