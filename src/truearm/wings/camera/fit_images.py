@@ -162,8 +162,8 @@ def fit_images(
             settled, result = fitted(again)
             placed = again
         except InputError as error:
-            said = f"Images could not be judged again by the zeros found: {error.problem}; those ignored stay so."
-            placed = replace(placed, findings=(*placed.findings, Finding("hand-eye", said)))
+            told = f"Images could not be judged again by the zeros found: {error.problem}; those ignored stay so."
+            placed = replace(placed, findings=(*placed.findings, Finding("hand-eye", told)))
     _check_apart(placed, result)
     if found := accepted(result.model.accepted_):  # the fit says what it accepted itself; before and after was more
         result.model.accepted_ = found
