@@ -37,7 +37,7 @@ CHANCE = 2e-8
 CERTAIN_CHANCE, REMARKED_CHANCE = 1e-4, 1e-2
 # Points nearer than this are at one place; they scatter by the second or more where no others show it [mm].
 PLACE_MM, LEAST_MM = 0.5, 1e-3
-# Of equal vectors between points so many may be expected where none is seen (95 %).
+# Where none of equal vectors between points is seen, as many may be expected (95 %).
 UNSEEN = 3.0
 
 
@@ -175,7 +175,7 @@ class _Places:
         return cls(chance, float(equal), float((of_place * (of_place - 1)).sum() / 2))
 
     def alike(self, unseen: float) -> float:
-        """The chance that a pair is the same, by the larger sign; of equal vectors so many more may be expected.
+        """The chance that a pair is the same, by the larger sign; `unseen` equal vectors more may be expected.
 
         Vectors of a normal spread are equal 2**1.5 times more rarely than points: by sqrt(2) in each direction.
         """
