@@ -55,11 +55,14 @@ def estimated(chain, state, points):
 def coverage(chain, state, covariance, x, truth):
     """Share of the tips inside the 95 % ellipsoids of a covariance of the coefficients."""
     off = chain.tips(state, x) - chain.tips(state, truth)
-    inside = []
-    for rows, _, columns in chain.derivatives(state, x):
-        of_tips = np.einsum("pin,pq,qjn->nij", columns, covariance, columns)
-        inside.append(np.einsum("ni,nij,nj->n", off[rows], np.linalg.inv(of_tips), off[rows]) < 7.815)
-    return np.concatenate(inside).mean()
+    of_tips = of_the_tips(chain, state, covariance, x)
+    return (np.einsum("ni,nij,nj->n", off, np.linalg.inv(of_tips), off) < 7.815).mean()
+
+
+def of_the_tips(chain, state, covariance, x):
+    """(n, 3, 3) covariances of the tips by one of the coefficients."""
+    each = chain.derivatives(state, x)
+    return np.concatenate([np.einsum("pin,pq,qjn->nij", by, covariance, by) for _, _, by in each])
 
 
 def test_sums_of_parts_add_up_to_those_of_all(arm, chain):
@@ -113,15 +116,30 @@ def test_independent_readings_keep_their_uncertainty(arm, chain):
     assert 0.99 < ratio.min() < ratio.max() < 2.0
 
 
-def test_readings_whose_poses_come_back_count_as_fewer_independent_ones(arm, chain):
-    """Where that is more than blocks show: with a factor f the covariance is that of normal equations over f."""
+@pytest.mark.parametrize("rho", [0.0, 0.9])
+def test_no_tip_is_more_certain_in_any_direction_as_more_errors_come_back(arm, chain, rho):
+    """Also beside blocks that scatter more in some directions; 1e-6 is rounding, of conditions of 1e9."""
+    state, points, truth = readings(arm, chain, 3000, rho=rho, seed=3)
+    found, sums = estimated(chain, state, points)
+    one, _ = ReadingSums.of(chain, state.rows(np.arange(40)), points.select(np.arange(40)), found.x, NOISE**2, np.inf)
+    for repeated in (sums.gram, one.gram):
+        tips, factor = None, 0.0
+        for times in (0.0, 0.1, 1.0, 10.0, 1e3, 1e5):
+            before, least = tips, factor
+            every = np.arange(len(truth))
+            covariance, effect = sums.correlated(found, prior_std(chain), every, times * repeated)
+            tips, factor = of_the_tips(chain, state.rows(np.arange(0, 3000, 15)), covariance, found.x), effect.factor
+            assert factor >= least
+            assert before is None or np.linalg.eigvals(np.linalg.solve(before, tips)).real.min() > 1 - 1e-6
+        assert effect.is_by_poses
+
+
+def test_readings_of_equal_poses_are_worth_less_by_how_many_there_are_of_one(arm, chain):
     state, points, truth = readings(arm, chain, 24 * BLOCK, rho=0.0, seed=3)
     found, sums = estimated(chain, state, points)
-    every, precision = np.arange(len(truth)), np.diag(prior_std(chain) ** -2.0)
-    covariance, effect = sums.correlated(found, prior_std(chain), every, 50.0)
-    assert effect.factor == 50.0
-    size = np.sqrt(np.diag(covariance))
-    expected = np.linalg.inv(sums.gram / 50.0 + precision)
-    assert np.abs((covariance - expected) / np.outer(size, size)).max() < 1e-6  # rounding, of conditions of 1e9
-    unchanged = sums.correlated(found, prior_std(chain), every)
-    assert np.array_equal(sums.correlated(found, prior_std(chain), every, 0.5)[0], unchanged[0])
+    covariance, effect = sums.correlated(found, prior_std(chain), np.arange(len(truth)), 49 * sums.gram)
+    assert effect.factor == pytest.approx(50, rel=1e-6)
+    independent = found.covariance
+    expected = independent @ (50 * sums.gram + np.diag(prior_std(chain) ** -2.0)) @ independent
+    # What blocks show beside it adds up to that of the independent ones (see above).
+    assert np.trace(sums.gram @ covariance) == pytest.approx(np.trace(sums.gram @ expected), rel=0.05)

@@ -20,7 +20,6 @@ from truearm.solve.sums import (
     BLOCK,
     SHORT_BLOCKS,
     SHORTEST,
-    DistinctSketch,
     QuantileSketch,
     Sums,
     block_starts,
@@ -129,13 +128,3 @@ def test_a_quantile_is_as_accurate_as_stated_and_counts_add_up():
     for share in (0.0, 0.05, 0.5, 0.95, 1.0):
         assert sketch.quantile(share) == pytest.approx(np.quantile(values, share), rel=2 * ACCURACY)
     assert np.isnan(QuantileSketch().quantile(0.5))
-
-
-@pytest.mark.parametrize("k", [1, 700, 30_000])
-def test_different_rows_are_counted_over_parts(k):
-    """Exactly up to 4096 of them; beyond to three standard errors of 1.6 %."""
-    rows = np.random.default_rng(1).integers(-500, 500, (k, 6))[np.random.default_rng(2).integers(0, k, 60_000)]
-    first, second = map(DistinctSketch.of, np.split(rows, 2))
-    assert (first + second).number == pytest.approx(len(np.unique(rows, axis=0)), rel=0.05 if k > 4096 else 1e-12)
-    assert np.array_equal((first + second).least, DistinctSketch.of(rows).least)
-    assert DistinctSketch().number == 0.0

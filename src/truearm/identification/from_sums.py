@@ -99,7 +99,7 @@ def identified(
     at: Iterate,
     sums: ReadingSums,
     x: FloatArray,
-    least_factor: float = 1.0,
+    repeated: FloatArray | None = None,
 ) -> tuple[IdentificationResult, DesignEffect]:
     """The arm of a sample by all readings, and by how much correlated readings are worth less.
 
@@ -118,16 +118,16 @@ def identified(
         Of all readings, at it.
     x : (p,) array
         Coefficients of the model itself by them.
-    least_factor : float
-        By how much readings are worth less at least, as poses come back with their errors.
+    repeated : (p, p) array, optional
+        Covariance of the gradient by errors that come back with their poses (`ReadingSums.correlated`).
     """
     own, every = np.arange(len(at.x)), np.arange(len(arm.prior_std))
     found = sums.posterior(at.x, arm.prior_std, own)
-    covariance, effect = sums.correlated(found, arm.prior_std, own, least_factor)
+    covariance, effect = sums.correlated(found, arm.prior_std, own, repeated)
     by_all = replace(of_the_model_itself(arm), coefficients=found.x, covariance=covariance)
     if len(own) < len(every):
         wider = sums.posterior(np.pad(at.x, (0, len(every) - len(own))), arm.prior_std, every)
-        of_wider, _ = sums.correlated(wider, arm.prior_std, every, least_factor)
+        of_wider, _ = sums.correlated(wider, arm.prior_std, every, repeated)
         by_all = with_missing_terms(by_all, replace(arm, coefficients=wider.x, covariance=of_wider))
     by_all = replace(by_all, coefficients=np.pad(x, (0, len(every) - len(own))))
     grows = arm.columns_of(lambda term: isinstance(term.basis, Temperature))

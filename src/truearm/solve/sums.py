@@ -31,8 +31,6 @@ MAX_KEPT = 6
 ACCURACY = 1e-3
 # Smaller and larger numbers are counted as these.
 SMALLEST, LARGEST = 1e-9, 1e9
-# Hashes that are kept to count what is different.
-MOST_HASHES = 4096
 # Consecutive readings of the shortest block of a long session.
 BLOCK = 1024
 # With fewer blocks their scatter is not known.
@@ -120,43 +118,6 @@ class QuantileSketch(Sums):
         return float(lower + (place - np.floor(place)) * (upper - lower))
 
 
-def _least_different(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.union1d(a, b)[:MOST_HASHES]
-
-
-@dataclass(frozen=True, eq=False)
-class DistinctSketch(Sums):
-    """The least of the hashes of rows of numbers, by which different rows are counted.
-
-    Hashes of k different rows are k even numbers from 0 to 1: where the m-th is u, k is about (m - 1) / u, to 1.6 %
-    (K. Beyer and others, "On synopses for distinct-value estimation under multiset operations", SIGMOD 2007, 199).
-
-    Parameters
-    ----------
-    least : (m,) array
-        Rising, `MOST_HASHES` at most.
-    """
-
-    least: FloatArray = field(default_factory=lambda: np.zeros(0), metadata=joined(_least_different))
-
-    @classmethod
-    def of(cls, rows: IntArray) -> DistinctSketch:
-        """Of integer rows (n, k)."""
-        hashes = np.zeros(len(rows), np.uint64)
-        for column in rows.astype(np.int64).view(np.uint64).T:  # mixed as by SplitMix64
-            hashes = (hashes ^ column) + np.uint64(0x9E3779B97F4A7C15)
-            for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-                hashes = (hashes ^ (hashes >> np.uint64(shift))) * np.uint64(factor)
-            hashes ^= hashes >> np.uint64(31)
-        return cls(np.unique(hashes / 2.0**64)[:MOST_HASHES])
-
-    @property
-    def number(self) -> float:
-        """Number of different rows."""
-        n = len(self.least)
-        return float(n) if n < MOST_HASHES else (n - 1) / float(self.least[-1])
-
-
 @dataclass(frozen=True, eq=False)
 class DesignEffect:
     """By how much the gradient of correlated readings scatters more than that of independent ones.
@@ -171,6 +132,8 @@ class DesignEffect:
         Number of the blocks from which both follow, and of the consecutive readings of each.
     is_settled : bool
         Whether longer blocks would show no more; otherwise there are too few, and the factor may be larger.
+    is_by_poses : bool
+        Whether the factor is that of errors that come back with their poses, of which blocks show less.
     """
 
     factor: float
@@ -178,6 +141,7 @@ class DesignEffect:
     n_blocks: int
     n_block: int
     is_settled: bool
+    is_by_poses: bool = False
 
 
 def design_effect(

@@ -37,8 +37,8 @@ from truearm.models.training_conditions import InputRange, TrainingConditions
 from truearm.readings import Lengths, Session, read_lengths
 from truearm.readings.large_sessions import LargeSession, Part
 from truearm.readings.point_errors import PointErrorSums
-from truearm.solve.sums import MAX_KEPT, DesignEffect, DistinctSketch, Sums, different, first_different, joined
-from truearm.typing import FloatArray
+from truearm.solve.sums import MAX_KEPT, DesignEffect, Sums, different, first_different, joined
+from truearm.typing import FloatArray, IntArray
 from truearm.verbs.inputs import LengthsLike, Limits, allowed_in_part, check_has_reference
 from truearm.verbs.record import describe_effective_number, number_of
 
@@ -86,10 +86,10 @@ class FitSums(Sums):
     n_read : int
         Readings, those without a point or beyond a joint limit among them.
     sums : ReadingSums
+    of_pose : (n_poses,) int array
+        Readings of each pose of the sample.
     inputs : dict of str to Spread
         Of ``"angles"`` and ``"directions"`` (of all joints), ``"temperature"`` and further columns.
-    poses : DistinctSketch
-        Poses, by cells of `POSE_RAD` and `POSE_MM`.
     held_out, nominal : PointErrorSums
         Errors of the points as predicted without their stretch, and by the nominal arm; without gross errors.
     gross : tuple of str
@@ -102,8 +102,8 @@ class FitSums(Sums):
 
     n_read: int
     sums: ReadingSums
+    of_pose: IntArray
     inputs: Mapping[str, Spread] = field(default_factory=dict)
-    poses: DistinctSketch = field(default_factory=DistinctSketch)
     held_out: PointErrorSums = field(default_factory=PointErrorSums)
     nominal: PointErrorSums = field(default_factory=PointErrorSums)
     gross: tuple[str, ...] = field(default=(), metadata=joined(first_different))
@@ -127,8 +127,8 @@ class AllReadings:
     total : FitSums or None
     effect : DesignEffect or None
         By how much correlated readings are worth less.
-    comes_back : float
-        By how much at least, as poses come back with their errors.
+    n_poses : float
+        Number of poses.
     """
 
     n_sample: int
@@ -136,7 +136,7 @@ class AllReadings:
     n_passes: int = 0
     total: FitSums | None = None
     effect: DesignEffect | None = None
-    comes_back: float = 1.0
+    n_poses: float = 0.0
 
     @property
     def held_out_mm(self) -> tuple[float, float] | None:
@@ -166,10 +166,11 @@ class AllReadings:
         if not (identified_model := to_identified(model)) or not identified_model.fit_.converged:
             yield f"The constants still changed in pass {self.n_passes}: their uncertainty may be larger."
         said = describe_effective_number(self.n_effective, used, self.effect.is_settled)
-        if 1 < self.effect.factor <= self.comes_back:
-            poses = f"{self.total.poses.number:.0f} poses with their errors"
+        is_less = self.n_effective <= 0.99 * used
+        if is_less and self.effect.is_by_poses:
+            poses = f"about {self.n_poses:.0f} poses with their errors"
             said = f"{used} readings come back to {poses}, and are worth {self.n_effective:.0f} independent ones"
-        yield f"{said}." if self.effect.factor <= 1 else f"{said}, which the uncertainty of the constants contains."
+        yield f"{said}, which the uncertainty of the constants contains." if is_less else f"{said}."
         if gross:
             named, others = ", ".join(self.total.gross), " and others" * (gross > len(self.total.gross))
             yield f"{gross} readings are gross errors and were excluded: {named}{others}."
@@ -224,18 +225,21 @@ def sums_of_readings(
     limits: Limits,
     accept: str | None,
     n_session: int,
+    poses: IntArray,
 ) -> FitSums:
     """Sums over some readings of a part.
 
     Predicted are those of a stretch by the coefficients `without_part`; from a whitened length of `gross_limit` on a
-    reading is a gross error. Rounded angles have uncertainties `angle_std` (n_joints,).
+    reading is a gross error. Rounded angles have uncertainties `angle_std` (n_joints,). Readings of `poses` (n_poses,)
+    are counted (`keys_of_poses`).
     """
     chain = model.fit_.perturbed_chain
     with accepting(accept):
         used = allowed_in_part(given, model.arm, limits, accept).session
         used = used.rows(used.has_point)
         if not len(used):
-            return FitSums(len(given), ReadingSums.zero(chain.n_coefficients), overridden=overridden())
+            none = ReadingSums.zero(chain.n_coefficients), np.zeros(len(poses), np.intp)
+            return FitSums(len(given), *none, overridden=overridden())
         check_has_reference(used, model.arm, purpose="fit to")
         state, accepted_here = _mean_state(model, used), overridden()
 
@@ -257,9 +261,16 @@ def sums_of_readings(
     of_file = {part.file: len(used)}, {part.file: len(gross)}
     inputs = {"angles": used.angles, "directions": used.directions, "temperature": used.temperature_degC}
     spreads = {name: Spread.of(of) for name, of in (inputs | dict(used.columns)).items() if of is not None}
-    cells = np.where(model.arm_.chain.is_prismatic, POSE_MM, POSE_RAD)
-    poses = DistinctSketch.of(np.rint(used.angles / cells).astype(np.int64))
-    return FitSums(len(given), sums, spreads, poses, held_out, nominal, names, *of_file, accepted_here)
+    keys = keys_of_poses(model, used)
+    keys = keys[np.isin(keys, poses)]
+    of_pose = np.bincount(np.searchsorted(poses, keys), minlength=len(poses))
+    return FitSums(len(given), sums, of_pose, spreads, held_out, nominal, names, *of_file, accepted_here)
+
+
+def keys_of_poses(model: IdentifiedModel, readings: Session) -> IntArray:
+    """(n,) numbers that are equal for readings of one pose, by cells of `POSE_RAD` and `POSE_MM`."""
+    cells = np.rint(readings.angles / np.where(model.arm_.chain.is_prismatic, POSE_MM, POSE_RAD)).astype(np.int64)
+    return cells @ np.random.default_rng(0).integers(2**62, size=cells.shape[1])
 
 
 def fit_all(
@@ -290,7 +301,9 @@ def fit_all(
     by_fold: dict[int, FloatArray] = {}
     n_pass = 0
     work = partial(sums_of_readings, gross_limit=gross, limits=limits, accept=accept, n_session=len(large))
-    work = partial(work, angle_std=_counted_rounding(of_sample, arm, sample))
+    used = sample.rows(sample.has_point)
+    poses, of_row = np.unique(keys_of_poses(of_sample, used), return_inverse=True)
+    work = partial(work, angle_std=_counted_rounding(of_sample, arm, sample), poses=poses)
     while n_pass < 2 or (n_pass < MAX_PASSES and not following.is_settled):
         at, n_pass, sent = following, n_pass + 1, later if n_pass else first
         works = [partial(work, model=sent, at=at, without_part=by_fold.get(fold)) for fold in folds]
@@ -314,19 +327,29 @@ def fit_all(
     if accept is not None:
         _check_files(total)
     accept_also(total.overridden)
-    # Errors that repeat at a pose are not averaged by its readings: variance s + (1 - s) / m of the mean of m of them.
-    of_instrument = float((_points_of(sample.rows(sample.has_point)).std ** 2).mean())
+    # Errors that repeat at a pose are not averaged by its readings. Of m of them the gradient has the covariance of
+    # m + s m (m - 1) independent ones (L. Kish, "Survey Sampling", 1965, section 5.4), in the directions of that pose.
+    of_instrument = float((_points_of(used).std ** 2).mean())
     share = of_sample.judged().repeating_share_ * at.noise_mm2 / (at.noise_mm2 + of_instrument)
-    comes_back = max(1 + share * (total.sums.n / total.poses.number - 1), 1.0)
-    whole, effect = identified(of_sample.fit_, arm, at, total.sums, following.x, comes_back)
+    m = np.maximum(total.of_pose[of_row], 1)
+    merged = np.ones(len(m)) if used.n_repeats is None else used.n_repeats
+    again, octave = merged * (m - 1) * share * total.sums.n / merged.sum(), np.rint(np.log2(m))
+    repeated, n_poses = np.zeros_like(total.sums.gram), total.sums.n * float((merged / m).sum() / merged.sum())
+    for one in np.unique(octave[m > 1]):
+        rows = np.flatnonzero((octave == one) & (m > 1))
+        some = work(used.rows(rows), large.parts[0], model=later, at=at, without_part=None)
+        repeated += again[rows].mean() * some.sums.gram
+    whole, effect = identified(of_sample.fit_, arm, at, total.sums, following.x, repeated)
     whole = replace(whole, converged=following.is_settled, rounds=n_pass)
     new = copy.copy(of_sample)
     new.accepted_ = accepted(of_sample.accepted_)
+    if doubt := of_sample.arm_doubt_:
+        new.arm_doubt_ = f"By a sample of {n_sample} of {total.n_read} readings: {doubt}"
     new.fit_, new.training_ = whole, conditions_of_all(total.inputs, of_sample.training_)
     if new.kind == "nominal":
         new.nominal_ = whole
     new.held_out_errors_ = _held_out_errors(total, len(by_fold)) or of_sample.held_out_errors_
-    return new, AllReadings(n_sample, "", n_pass, total, effect, comes_back)
+    return new, AllReadings(n_sample, "", n_pass, total, effect, n_poses)
 
 
 def _points_of(readings: Session) -> Points:

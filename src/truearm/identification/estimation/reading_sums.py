@@ -136,27 +136,30 @@ class ReadingSums(Sums):
         return design_effect(self.scores[:, which], independent.covariance, self.n, determined)
 
     def correlated(
-        self, independent: Posterior, prior_std: FloatArray, which: IntArray, least_factor: float = 1.0
+        self, independent: Posterior, prior_std: FloatArray, which: IntArray, repeated: FloatArray | None = None
     ) -> tuple[FloatArray, DesignEffect]:
         """Covariance of these coefficients by readings that are correlated, and by how much they are.
 
         With S the covariance of the gradient, P that of the coefficients by independent readings and L one over the
         prior's variances, it is ``P (S + L) P`` (P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221). S is the design
         effect times ``J^T W J``, and in directions where blocks scatter more, more: as much of it as their number
-        allows to know. Blocks do not show errors that come back with the poses: where these make the readings worth
-        less by a `least_factor` that is larger, it is the covariance by as many fewer independent ones.
+        allows to know. Errors that come back with the poses add a `repeated` covariance (p, p) to S, less what blocks
+        show of it on average: of two readings of a pose that are in one block.
         """
         precision, root = prior_std[which] ** -2.0, independent.root
         effect = self.effect(independent, prior_std, which)
-        if least_factor > effect.factor:
-            fewer = replace(self, gram=self.gram / least_factor)
-            covariance = fewer.posterior(np.zeros(self.gram.shape[0]), prior_std, which).covariance
-            return covariance, replace(effect, factor=least_factor)
         determined = float(determined_shares(independent.variance, precision).sum())
-        alike = effect.factor * self.gram[np.ix_(which, which)]
-        sizes, directions = np.linalg.eigh(root @ (effect.scatter - alike) @ root.T)
+        gram = self.gram[np.ix_(which, which)]
+        sizes, directions = np.linalg.eigh(root @ (effect.scatter - effect.factor * gram) @ root.T)
         sizes = np.maximum(sizes, 0.0) * effect.n_blocks / (effect.n_blocks + determined)
-        middle = root @ (alike + np.diag(precision)) @ root.T + (directions * sizes) @ directions.T
+        alike = effect.factor * gram + np.diag(precision)
+        if repeated is not None:
+            repeated = repeated[np.ix_(which, which)]
+            more, shown = float((repeated * independent.covariance).sum()) / determined, effect.factor - 1
+            if more > shown:
+                alike += (1 - shown / more) * repeated
+                effect = replace(effect, factor=1 + more, is_by_poses=True)
+        middle = root @ alike @ root.T + (directions * sizes) @ directions.T
         covariance = root.T @ middle @ root
         return np.asarray((covariance + covariance.T) / 2), effect
 
