@@ -36,6 +36,8 @@ from truearm.choices import ModelKind
 from truearm.errors import InputError, TruearmError
 from truearm.files.file_reading import read_limited
 from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.judgement.expansion_prior import NOT_LEARNED
 from truearm.identification.judgement.outliers import MIN_ROBUST_WEIGHT
 from truearm.identification.terms import SkippedTerm, Term
 from truearm.nets.training import TrainingRecord
@@ -304,6 +306,10 @@ def _decode(hint: Any, data: Any, name: str, arrays: dict[str, Array]) -> Any:
         if not isinstance(data, dict) or not set(names) - optional <= data.keys() <= set(names):
             raise InputError(f"model.json, {name}: expected {', '.join(names)}, got {str(data)[:60]}")
         parts = {key: _decode(hints[key], one, f"{name}.{key}", arrays) for key, one in data.items()}
+        if hint is IdentificationResult:
+            parts["perturbed_chain"] = _in_listed_groups(
+                parts["perturbed_chain"], {one.name for one in parts["groups"]}
+            )
         if hint is IdentificationResult and (same := parts.get("repeatability_covariance")) is not None:
             whole = parts["covariance"]
             if same.ndim == 1 and whole.shape == 2 * same.shape:
@@ -319,6 +325,14 @@ def _decode(hint: Any, data: Any, name: str, arrays: dict[str, Array]) -> Any:
             raise InputError(f"model.json, {name}: a name is there twice")
         return {key: _decode(arguments[1], one, f"{name}.{i}", arrays) for i, (key, one) in enumerate(pairs)}
     return _plain(hint, data, name)
+
+
+def _in_listed_groups(chain: PerturbedChain, listed: set[str]) -> PerturbedChain:
+    """The chain with the groups that a file lists: early files have terms of "X, not learned" in group X."""
+    ends = {name: name + NOT_LEARNED for name in {term.group for term in chain.terms} - listed}
+    groups = {name: ended for name, ended in ends.items() if ended in listed}
+    terms = (replace(term, group=groups.get(term.group, term.group)) for term in chain.terms)
+    return replace(chain, terms=tuple(terms)) if groups else chain
 
 
 def _chosen(kinds: tuple[Any, ...], data: Any) -> Any:

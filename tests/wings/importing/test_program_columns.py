@@ -371,14 +371,28 @@ def test_a_capital_u_is_said_to_be_read_as_a_standard_uncertainty(name):
         assert not found.remarks
 
 
-@pytest.mark.parametrize("turned", ["measurement_std_r{}", "std_r{}", "std_rot_{}", "u_q{}"])
+@pytest.mark.parametrize("turned", ["measurement_std_r{}", "std_r{}", "std_rot_{}", "sigma_q{}"])
 def test_deviations_of_orientations_are_no_uncertainties_of_points(turned):
     of_points, of_turns = ([name.format(axis) for axis in "xyz"] for name in ("measurement_std_{}", turned))
     points = [f"measurement_{axis}" for axis in "xyz"]
     for columns in ([*of_points, *of_turns], [*of_turns, *of_points]):
         found = recognise_program_columns([*numbered("J{}"), *points, *columns])
         assert found.columns.point_std == tuple(of_points)
-    assert not recognise_program_columns([*numbered("J{}"), *points, *of_turns]).columns.point_std
+        assert not found.remarks
+    alone = recognise_program_columns([*numbered("J{}"), *points, *of_turns])
+    assert not alone.columns.point_std
+    names = ", ".join(of_turns)
+    (remark,) = alone.remarks
+    assert remark.startswith(f"{names} are taken for standard deviations of orientations: not read. Use --point-std ")
+
+
+@pytest.mark.parametrize("name", ["std_w_{}", "std_a_{}", "sigma_c_{}", "std_r_{}", "c_std_{}", "std_{}_b"])
+def test_a_letter_beside_the_axis_is_one_of_a_frame_unless_other_deviations_stand_beside(name):
+    of_points, lettered = ([name.format(axis) for axis in "xyz"] for name in ("std_{}", name))
+    alone = recognise_program_columns([*numbered("J{}"), *"xyz", *lettered])
+    assert alone.columns.point_std == tuple(lettered)
+    for columns in ([*of_points, *lettered], [*lettered, *of_points]):
+        assert recognise_program_columns([*numbered("J{}"), *"xyz", *columns]).columns.point_std == tuple(of_points)
 
 
 @pytest.mark.parametrize(

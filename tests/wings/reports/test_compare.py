@@ -71,6 +71,22 @@ def test_what_the_readings_do_not_determine_is_said_in_place_of_a_huge_uncertain
     assert next(one for one in change.constants if (one.place, one.name) == ("J3", "a")).is_determined
 
 
+def test_a_right_arm_has_no_constant_that_is_not_determined():
+    """Evidence shrinks the priors of an arm as drawn to um: what readings add to that is no measure of knowledge."""
+    arm, models = ta.load_arm("ur10"), []
+    for seed in (1, 2):
+        q = ta.simulate("ur10", poses=200, seed=seed).session.angles
+        noise = np.random.default_rng(seed).normal(0, 0.005, (len(q), 3))  # mm
+        models.append(ta.KinematicModel(arm).fit(q, arm.chain.tip_in_base(q) + noise))
+    change, limits = ta.compare(*models), {"mm": 0.1, "rad": 1e-3}
+    for one in change.constants:
+        assert one.is_determined
+        assert limits[one.unit] > one.U  # a third or less of what is assumed of a drawing, 3 mm or 3 mrad
+    text = str(change)
+    assert "not determined" not in text
+    assert text.count("8 more constants: --json or to_dict().") == 1
+
+
 def test_a_tip_that_moves_without_one_constant_is_said(models):
     again = ta.compare(models["old"], models["again"])
     moved = replace(again.change, displacement=replace(again.change.displacement, limit_mm=1e-6))

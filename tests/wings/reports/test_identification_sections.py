@@ -1,5 +1,6 @@
 """What a page says of an identified arm: uncertainty in the metrologist's words, terms, joints, what is open."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,8 @@ from truearm.arm import load_arm
 from truearm.identification.judgement.held_out_errors import HeldOutErrors
 from truearm.identification.judgement.outliers import Outlier
 from truearm.models import PhysicalModel
+from truearm.models.model_archive import model_bytes
+from truearm.models.model_file import load_model
 from truearm.models.uncertainty import UncertaintyBudget
 from truearm.pages.html import render
 from truearm.pages.page import Page
@@ -185,7 +188,7 @@ def test_the_page_of_seats_says_how_well_they_agree(rng):
     assert "Lengths" not in [section.title for section in without.sections]
 
 
-def test_terms_of_what_was_the_same_at_all_readings_have_a_row_of_their_own():
+def test_terms_of_what_was_the_same_at_all_readings_have_a_row_of_their_own(tmp_path):
     """A report of readings at one temperature: growth, not learned, is a group beside those of the readings."""
     arm = load_arm("gao2017")
     readings = VirtualArm.draw(arm, load_preset("shop"), seed=1).measure(
@@ -195,3 +198,11 @@ def test_terms_of_what_was_the_same_at_all_readings_have_a_row_of_their_own():
     found = {effect.group: effect for effect in effects(model.fit_, model.state(readings.readings))}
     assert found["thermal expansion, not learned"].determined == 0.0
     assert found.keys() == {group.name for group in model.fit_.groups}
+
+    # Early files have these terms in the group of those that are learned, and list the same groups.
+    terms = (replace(term, group=term.group.removesuffix(", not learned")) for term in model.fit_.perturbed_chain.terms)
+    early = copy(model)
+    early.fit_ = replace(model.fit_, perturbed_chain=replace(model.fit_.perturbed_chain, terms=tuple(terms)))
+    (tmp_path / "early").write_bytes(model_bytes(early))
+    again = load_model(tmp_path / "early")
+    assert effects(again.fit_, again.state(readings.readings)) == effects(model.fit_, model.state(readings.readings))

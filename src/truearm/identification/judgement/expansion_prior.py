@@ -55,6 +55,8 @@ LAG_K = 1.0
 LEAST_SHARE = 0.5
 # Lags between none and that which are summed over.
 N_LAGS = 12
+# Behind the group of terms of which the readings show nothing.
+NOT_LEARNED = ", not learned"
 # Values of functions in training that count as zero, in their unit.
 LEAST_VALUE = 1e-9
 # Smaller shares of a prior's precision are rounding.
@@ -237,7 +239,7 @@ def with_unlearned_terms(fit: IdentificationResult, terms: list[tuple[Term, floa
     """
     if not terms:
         return fit
-    terms = [(replace(term, group=f"{term.group}, not learned"), value) for term, value in terms]
+    terms = [(replace(term, group=term.group + NOT_LEARNED), value) for term, value in terms]
     added, first, same = [term for term, _ in terms], len(fit.coefficients), fit.repeatability_covariance
     prior = np.diag([float(term.prior_stds[0]) ** 2 for term in added])
     grows = np.flatnonzero([isinstance(term.basis, Temperature) for term in added])

@@ -199,7 +199,6 @@ class ModelChange(TableRecord):
             f"U is the uncertainty of the change; with this k, {100 * FALSE_ALARM:g} % of unchanged arms or fewer have "
             "any change. Not determined: by the readings of one model or both."
             + (f" {number_of(more, 'more constant')}: --json or to_dict()." if more else "")
-            + (f" {number_of(more, 'more constant')}: --json or to_dict()." if more else "")
         )
 
     def _base_and_tip(self) -> Iterator[str]:

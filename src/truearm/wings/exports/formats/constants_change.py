@@ -57,7 +57,8 @@ class ConstantChange:
     tip_mm : float
         Mean displacement of the tip by this change alone, base and tip aligned [mm].
     is_determined : bool
-        Whether the readings of both models determine it.
+        Whether the readings of both models determine it, or U is below the standard deviation before any readings:
+        the evidence of a right arm shrinks that until they tell no more, although the constant is known.
     """
 
     place: str
@@ -262,9 +263,10 @@ def _constant_changes(
         chain = _with_change(before, was.place, was.name, change)
         moved = _aligned((chain.tip_in_base(poses) - tips)[None], alignment)[0]
         tip_mm = float(np.linalg.norm(moved, axis=1).mean())
-        is_determined = NOT_IDENTIFIABLE not in (was.status, now.status)
-        values = (was.nominal, was.identified, now.identified, change, was.std, now.std, k, tip_mm, is_determined)
-        found.append(ConstantChange(was.place, was.name, was.unit, *values))
+        values = (was.nominal, was.identified, now.identified, change, was.std, now.std, k, tip_mm)
+        one = ConstantChange(was.place, was.name, was.unit, *values, is_determined=True)
+        is_known = before.largest_prior[one.unit] >= one.U
+        found.append(replace(one, is_determined=is_known or NOT_IDENTIFIABLE not in (was.status, now.status)))
     return tuple(found)
 
 

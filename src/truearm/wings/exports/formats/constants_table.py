@@ -11,7 +11,7 @@ Files of constants: what all their formats share, from a model's rigid stand-in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
@@ -28,6 +28,7 @@ from truearm.files.file_reading import parse_file
 from truearm.identification.estimation.diagnostics import UNIDENTIFIABLE_SHARE
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms import ArmState, InducedProcess
+from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, relative_size
 from truearm.models import Compensator
 from truearm.models.compensator import FREE_PARTS
 from truearm.models.identified_model import to_identified
@@ -52,9 +53,6 @@ SUM_ALONG_AXES, SUM_ABOUT_LINE = "only as a sum along parallel axes", "only as a
 STEP_RAD, STEP_MM = 1e-7, 1e-4
 # Where no prior moves a constant by more, in rad or mm, the evidence has pruned what it depends on.
 _PRUNED = 1e-12
-# Where the tip is on an axis no readings tell the constants that place it: they are less certain by so many times than
-# any constant of their unit was before the readings. Other ones have up to 2.5, these 18 and more.
-_LESS_CERTAIN = 5.0
 # A constant that neither changed nor is uncertain by as much is held: nothing in the model moves it, and what is left
 # is the rounding of the refit [mm, rad]. No readings tell 10 nm, or that at a distance of 1 m.
 _HELD = {"mm": 1e-5, "rad": 1e-8}
@@ -106,6 +104,9 @@ class ConstantsTable:
         From base to tip.
     is_placed : bool
         Whether the base was free: it then says where the arm stood, and nothing of the arm.
+    largest_prior : mapping of str to float
+        By unit, the largest standard deviation of a constant before the readings, and before evidence shrank it. Where
+        the tip is on an axis no readings tell the constants that place it, which are less certain than that.
     """
 
     nominal: DHTable
@@ -113,6 +114,7 @@ class ConstantsTable:
     joint_names: tuple[str, ...]
     constants: tuple[ArmConstant, ...]
     is_placed: bool
+    largest_prior: Mapping[Unit, float]
 
     def in_own_base(self) -> ConstantsTable:
         """The table in the arm's own base frame: that of the nominal table, unless the base was known."""
@@ -160,10 +162,8 @@ def constants_table(
         moved = table_of(fit.perturbed_chain.with_constants(fit.coefficients + shifted))
         by_coefficient[:, k] = _changes(identified, moved, entries) / step
     std, remains = _uncertainties(model, rigid, by_coefficient)
-    identified_arm, groups = to_identified(model), {term.group for term in fit.perturbed_chain.terms} - {*FREE_PARTS}
-    before = fit if identified_arm is None else identified_arm.fit_
-    most = {unit: _LESS_CERTAIN * _largest_prior(before, unit, groups) for unit in ("rad", "mm")}
-    remains = np.where(std > [most[one.unit] for one in entries], 1.0, remains)
+    largest = _largest_prior(fit)
+    remains = np.where(std > [largest[one.unit] for one in entries], 1.0, remains)
     was, now = _values(drawing, entries), _values(identified, entries)
     constants = tuple(
         ArmConstant(
@@ -179,7 +179,7 @@ def constants_table(
             entries, was.tolist(), now.tolist(), std.tolist(), remains.tolist(), strict=True
         )
     )
-    return ConstantsTable(drawing, identified, rigid.nominal.joint_names, constants, "base" in free)
+    return ConstantsTable(drawing, identified, rigid.nominal.joint_names, constants, "base" in free, largest)
 
 
 class _Entry(NamedTuple):
@@ -228,15 +228,15 @@ def _with_flange(table: DHTable, flange: FloatArray) -> DHTable:
     return replace(table, flange=flange, tip_in_flange=flange[:3, :3].T @ tip)
 
 
-def _largest_prior(fit: IdentificationResult, unit: Unit, groups: set[str]) -> float:
-    """The largest prior standard deviation of a constant of some groups [`unit`]; infinite where there is none."""
+def _largest_prior(fit: IdentificationResult) -> dict[Unit, float]:
+    """See `ConstantsTable`: the prior that is offered, or that of the readings of an arm with larger errors."""
     chain = fit.perturbed_chain
-    columns = [
-        own
-        for term, own in zip(chain.terms, chain.columns, strict=True)
-        if term.group in groups and (unit == "rad") == any(term.direction[:3])
-    ]
-    return max((float(fit.prior_std[own].max()) for own in columns), default=0.0) or np.inf
+    found: dict[Unit, float] = {"rad": ANGLE_STD, "mm": LENGTH_STD * relative_size(chain.chain)}
+    for term, own in zip(chain.terms, chain.columns, strict=True):
+        if term.group not in FREE_PARTS:
+            unit: Unit = "rad" if any(term.direction[:3]) else "mm"
+            found[unit] = max(found[unit], *fit.prior_std[own].tolist())
+    return found
 
 
 def _steps(rigid: RigidArm) -> list[float]:

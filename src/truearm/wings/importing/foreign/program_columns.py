@@ -94,7 +94,9 @@ _INSTRUMENT = re.compile(
 _MEASURED = re.compile(r"meas|measured|measurement")
 _ACTUAL = re.compile(rf"actual|act|ist|{_MEASURED.pattern}")
 _STD = re.compile(r"u|s|std|sigma|unc|uncertainty|stdev")
-_TURNED = re.compile(r"[rwabcq]|rot|rotation|orientation|euler|quat|quaternion|angular|turn")
+# With * for the axis: of std_r* and std_rot_* the axis is one of rotation; of std_w_* it may be one of the world.
+_TURNED = re.compile(r"(?<![^_])([rwabcq]\*|(rot|rotation|orientation|euler|quat|quaternion|angular|turn)\*?)(?![^_])")
+_LETTER = re.compile(r"(?<![^_])[rwabcq](?![^_])")
 _CAPITAL_U = re.compile(r"(?<![^\W_])U(?![^\W_xyzXYZ])")  # of an expanded uncertainty (JCGM 100, 6.2)
 _AXIS = re.compile(r"(?P<before>[^\W\d_]*?)(?P<axis>[xyz])(?P<after>m|coord|pos|座標|坐标)?")
 _OF_ROS = re.compile(r"field\.|/")  # as rostopic and PlotJuggler begin names
@@ -433,14 +435,15 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
     of_controller = bool(of_angles) and ({"a", "b", "c"} <= own or {"w", "p", "r"} <= own or {"rx", "ry", "rz"} <= own)
     ranked: list[tuple[int, tuple[_Name, ...]]] = []
     actual: list[tuple[_Name, ...]] = []
+    stds: dict[int, tuple[_Name, ...]] = {}  # of points, perhaps of orientations, of orientations
     for key, axes in groups.items():
         if len(axes) < 3:
             continue
         columns = tuple(axes[axis] for axis in "xyz")
         beside = "_".join(word.rstrip("*") for word in key[:-1] if word != "*")
         if _STD.fullmatch(beside) or any(_STD.fullmatch(w) for w in beside.split("_") if len(w) > 1):
-            if not _words_match(_TURNED, beside):
-                found["point_std"] = _labels(columns)
+            name = "_".join(key[:-1])
+            stds[2 if _TURNED.search(name) else 1 if _LETTER.search(name) else 0] = columns
         elif _words_match(_CONTROLLER, beside) or beside == "tool" or (of_controller and not beside):
             remarks.append(
                 f"{_span(columns)} are the controller's own pose, which is no reference. Use "
@@ -473,14 +476,18 @@ def _tip(free: Sequence[_Name], remarks: list[str], of_angles: Sequence[str], *,
         if unit is None and all(_OF_ROS.match(column.written) for column in points[0]):
             unit = "m"  # as ROS has it (REP 103)
         found |= {"points": _labels(points[0]), "point_unit": unit}
-        expanded = [name for name in found.get("point_std", ()) if _CAPITAL_U.search(name)]
-        if expanded:
+        if stds and min(stds) < 2:
+            found["point_std"] = _labels(stds[min(stds)])
+        elif stds:
+            remarks.append(
+                f"{_span(stds[2])} are taken for standard deviations of orientations: not read. Use --point-std "
+                f"{_argument(stds[2])} if they are those of the points."
+            )
+        if expanded := [name for name in found.get("point_std", ()) if _CAPITAL_U.search(name)]:
             remarks.append(
                 f"{', '.join(expanded)} are read as standard uncertainties; a capital U often is an expanded one "
                 "(k = 2). If so, halve them in the table."
             )
-    else:
-        found.pop("point_std", None)
     own_pose = [column for column in free if re.fullmatch(r"(?:.*_)?(?:tcp_pose|o_t_ee)_?\d+", column.stem)]
     if own_pose:
         remarks.append(f"{_span(own_pose)} are the controller's own pose, which is no reference.")
