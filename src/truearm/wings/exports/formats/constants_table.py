@@ -28,13 +28,12 @@ from truearm.files.file_reading import parse_file
 from truearm.identification.estimation.diagnostics import UNIDENTIFIABLE_SHARE
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.terms import ArmState, InducedProcess
-from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, relative_size
 from truearm.models import Compensator
 from truearm.models.compensator import FREE_PARTS
 from truearm.models.identified_model import to_identified
 from truearm.readings import Session
 from truearm.typing import FloatArray
-from truearm.wings.exports.formats.rigid_arm import RigidArm, TermsOf, best_rigid_arm
+from truearm.wings.exports.formats.rigid_arm import RigidArm, TermsOf, all_constants, best_rigid_arm
 from truearm.wings.exports.targets.manifest import (
     Direction,
     Frame,
@@ -230,12 +229,13 @@ def _with_flange(table: DHTable, flange: FloatArray) -> DHTable:
 
 def _largest_prior(fit: IdentificationResult) -> dict[Unit, float]:
     """See `ConstantsTable`: the prior that is offered, or that of the readings of an arm with larger errors."""
-    chain = fit.perturbed_chain
-    found: dict[Unit, float] = {"rad": ANGLE_STD, "mm": LENGTH_STD * relative_size(chain.chain)}
-    for term, own in zip(chain.terms, chain.columns, strict=True):
+    chain, found = fit.perturbed_chain, dict[Unit, float](rad=0.0, mm=0.0)
+    stds = [(term, term.prior_stds) for term in all_constants(chain.chain, ())]
+    stds += [(term, fit.prior_std[own]) for term, own in zip(chain.terms, chain.columns, strict=True)]
+    for term, std in stds:
         if term.group not in FREE_PARTS:
             unit: Unit = "rad" if any(term.direction[:3]) else "mm"
-            found[unit] = max(found[unit], *fit.prior_std[own].tolist())
+            found[unit] = max(found[unit], float(std.max()))
     return found
 
 
