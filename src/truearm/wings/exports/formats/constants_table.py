@@ -229,7 +229,8 @@ def _with_flange(table: DHTable, flange: FloatArray) -> DHTable:
 
 def _largest_prior(fit: IdentificationResult) -> dict[Unit, float]:
     """See `ConstantsTable`: the prior that is offered, or that of the readings of an arm with larger errors."""
-    chain, found = fit.perturbed_chain, dict[Unit, float](rad=0.0, mm=0.0)
+    chain = fit.perturbed_chain
+    found: dict[Unit, float] = {"rad": 0.0, "mm": 0.0}
     stds = [(term, term.prior_stds) for term in all_constants(chain.chain, ())]
     stds += [(term, fit.prior_std[own]) for term, own in zip(chain.terms, chain.columns, strict=True)]
     for term, std in stds:
