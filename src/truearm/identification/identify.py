@@ -26,7 +26,6 @@ from truearm.arm.arm import with_zeros
 from truearm.findings import Finding
 from truearm.identification.estimation.identification import identify, with_few_changed
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.problem import ABSOLUTE
 from truearm.identification.estimation.propagation import response_to_errors, with_shared_error
 from truearm.identification.estimation.residual_variance import (
     LEAST_FREEDOM,
@@ -113,6 +112,7 @@ from truearm.identification.terms import (
 from truearm.identification.terms.basis import Temperature
 from truearm.identification.terms.catalogue import JOINT_COMPLIANCE, OWN_AXIS, unlearned_terms
 from truearm.readings.checks import check_scale
+from truearm.readings.reference_uncertainty import PPM
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray
 
@@ -584,7 +584,6 @@ def what_may_change(
     fit: IdentificationResult,
     widened: float,
     *,
-    scale: LengthScale | None,
     same_every_day: bool,
     complete: Complete | None,
     wider: IdentificationResult,
@@ -594,30 +593,13 @@ def what_may_change(
     `widened` is the factor by which the covariance was raised for few readings; `complete` adds states that no reading
     had; `wider` is the arm with the error of the terms that the model does not have, or itself.
     """
-    response = _response_to_scale(readings, fit, scale)
+    scale = response_to_errors(fit, readings.state, readings.references, readings.scale_errors)
     fit = wider if widened == 1 else replace(wider, covariance=widened * wider.covariance)
     if not same_every_day:
         fit = on_another_day(fit)
     if complete is not None:
         fit = complete(fit, readings.state_as_read, widened)
-    return without_own_days(with_shared_error(fit, response))
-
-
-def _response_to_scale(readings: PreparedReadings, fit: IdentificationResult, scale: LengthScale | None) -> FloatArray:
-    """By what coefficients change with the scale of the reference, for a standard uncertainty of it.
-
-    Where none is stated and reference and drawing disagree about the size of the arm, that is by as much as they do.
-    """
-    u: FloatArray | float
-    if readings.u_scale is not None:
-        u = readings.u_scale[:, None]
-    elif scale is not None and scale.is_said(readings.arm):
-        if not any(one.kind in ABSOLUTE for one in readings.references):
-            return scale.response(fit)
-        u = abs(scale.share)
-    else:
-        return np.zeros(len(fit.coefficients))
-    return response_to_errors(fit, readings.state, readings.references, u * readings.scale_shifts)
+    return without_own_days(with_shared_error(fit, scale))
 
 
 def _gains_beside(terms: Sequence[Term], simpler: IdentificationResult, readings: PreparedReadings) -> list[Term]:
@@ -673,13 +655,11 @@ def _concluded(
     if not same_every_day:
         every = constants(readings.state.chain, free=readings.free)
         signs = unshown_signs(fit, readings.state, readings.references, every, rigid)
-    stated = 0.0 if readings.u_scale is None else float(readings.u_scale.max())
+    stated = 0.0 if readings.measured.u_scale_ppm is None else PPM * float(readings.measured.u_scale_ppm.max())
     reference_variance = reference_scale_variance(fit, readings.references) + stated**2
-    scale = LengthScale.of(fit, freedom, widened * birge**2, reference_variance=reference_variance)
-    whole = what_may_change(
-        readings, fit, widened, scale=scale, same_every_day=same_every_day, complete=complete, wider=wider
-    )
+    whole = what_may_change(readings, fit, widened, same_every_day=same_every_day, complete=complete, wider=wider)
     whole = with_unshown_signs(whole, signs)
+    scale = LengthScale.of(fit, freedom, widened * birge**2, reference_variance=reference_variance)
     return Identification(
         whole,
         wider,
@@ -697,10 +677,6 @@ def _concluded(
     )
 
 
-# See `_response_to_scale`.
-SCALE_IN_U = " The uncertainty contains that share, unless u_scale_ppm states another."
-
-
 def _findings(arm: IdentificationResult, readings: PreparedReadings, scale: LengthScale | None) -> tuple[Finding, ...]:
     """What a person must know of an identified arm."""
     return (
@@ -708,7 +684,7 @@ def _findings(arm: IdentificationResult, readings: PreparedReadings, scale: Leng
         *signs_not_shown(arm),
         *what_tips_show(arm, readings.tips),
         *unlike_stated_uncertainty(as_stated(arm, readings.references)),
-        *(() if scale is None else scale.findings(readings.arm, more=SCALE_IN_U)),
+        *(() if scale is None else scale.findings(readings.arm)),
     )
 
 

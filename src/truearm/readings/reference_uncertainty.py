@@ -46,22 +46,14 @@ def reference_covariance(readings: Readings, *, is_frame_free: bool) -> FloatArr
 def scale_errors(readings: Readings, *, is_frame_free: bool) -> FloatArray:
     """Errors of x, y, z and the distance by one standard uncertainty of the reference's scale, (n, 4) [mm].
 
-    The errors of several sessions are one error, that of one instrument.
-    """
-    if readings.u_scale_ppm is None:
-        return np.zeros((len(readings), 4))
-    return PPM * readings.u_scale_ppm[:, None] * scale_shifts(readings, is_frame_free=is_frame_free)
-
-
-def scale_shifts(readings: Readings, *, is_frame_free: bool) -> FloatArray:
-    """Derivatives of x, y, z and the distance by the reference's scale, (n, 4) [mm].
-
     The scale is about the mean of a session's points, where the frame is free: the readings then define it. Otherwise
-    it is about the origin.
+    it is about the origin. The errors of several sessions are one error, that of one instrument.
     """
     out = np.zeros((len(readings), 4))
+    if readings.u_scale_ppm is None:
+        return out
     if readings.distance_mm is not None:
-        out[:, 3] = np.nan_to_num(readings.distance_mm)
+        out[:, 3] = PPM * readings.u_scale_ppm * np.nan_to_num(readings.distance_mm)
     if readings.points is None:
         return out
     sessions = np.full(len(readings), "") if readings.session is None else readings.session
@@ -69,5 +61,5 @@ def scale_shifts(readings: Readings, *, is_frame_free: bool) -> FloatArray:
         rows = np.flatnonzero((sessions == name) & readings.has_point)
         if len(rows):
             centre = readings.points[rows].mean(axis=0) if is_frame_free else np.zeros(3)
-            out[rows, :3] = readings.points[rows] - centre
+            out[rows, :3] = PPM * readings.u_scale_ppm[rows, None] * (readings.points[rows] - centre)
     return out

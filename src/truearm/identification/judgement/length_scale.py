@@ -137,23 +137,12 @@ class LengthScale:
         least = max(LEAST_SCALE, arm.nominal_error_mm / arm.chain.reach)
         return abs(self.share) > least and self.log_odds >= VERY_STRONG
 
-    def findings(self, arm: Arm, sure: float = SURE, *, more: str = "") -> tuple[Finding, ...]:
+    def findings(self, arm: Arm, sure: float = SURE) -> tuple[Finding, ...]:
         """What a person must know of a scale that an arm may have; nothing if it is none by its uncertainty."""
+        is_said = abs(self.share) > max(sure * self.u, LEAST_SAID) and not self.is_contradicted(arm)
         why = "the arm is warm, or" if abs(self.share) <= LEAST_SCALE else "the drawing or"
-        said = f"All {self}: {why} the reference (its scale, a stated length) is off.{more}"
-        numbers = {"share": self.share, "u": self.u}
-        return (Finding("length scale", said, numbers),) if self.is_said(arm, sure) else ()
-
-    def is_said(self, arm: Arm, sure: float = SURE) -> bool:
-        """Whether reference and drawing disagree about it, without a contradiction."""
-        return abs(self.share) > max(sure * self.u, LEAST_SAID) and not self.is_contradicted(arm)
-
-    def response(self, fit: IdentificationResult) -> FloatArray:
-        """By what coefficients of a fit change with it: all lengths alike."""
-        columns, nominal = _nominal_lengths(fit)
-        out = np.zeros(len(fit.coefficients))
-        out[columns] = self.share * nominal
-        return out
+        said = f"All {self}: {why} the reference (its scale, a stated length) is off."
+        return (Finding("length scale", said, {"share": self.share, "u": self.u}),) if is_said else ()
 
     def __str__(self) -> str:
         percent, u = (f"{100 * value:.{_decimals(100 * self.u)}f} %" for value in (abs(self.share), self.u))

@@ -34,7 +34,7 @@ from truearm.readings.anchors import bars_without_certificate
 from truearm.readings.checks import check_sessions
 from truearm.readings.lengths import Lengths
 from truearm.readings.readings import Measured, points_there
-from truearm.readings.reference_uncertainty import PPM, scale_shifts
+from truearm.readings.reference_uncertainty import scale_errors
 from truearm.readings.repeats import rounding_steps
 from truearm.readings.session import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -104,8 +104,8 @@ class PreparedReadings:
         What is held out together: positions, seats, or regions of the joint space.
     table : ReferenceTable or None
         In which mistakes of a description are looked for.
-    scale_shifts : (n, 4) array
-        Of x, y, z and the distance, by the reference's scale [mm].
+    scale_errors : (n, 4) array
+        Of x, y, z and the distance by one standard uncertainty of the reference's scale [mm].
     n_repeats : (n,) int array or None
         How many readings each is the mean of.
     averaged_mm2, repeat_std_mm : float
@@ -135,7 +135,7 @@ class PreparedReadings:
     in_one_place: bool
     groups: IntArray
     table: ReferenceTable | None
-    scale_shifts: FloatArray
+    scale_errors: FloatArray
     n_repeats: IntArray | None
     averaged_mm2: float
     repeat_std_mm: float
@@ -181,7 +181,7 @@ class PreparedReadings:
             if one_place
             else cross_validation_groups(session, frames),
             table=reference_table(readings, lengths, free=determined),
-            scale_shifts=scale_shifts(session, is_frame_free="base" in determined),
+            scale_errors=scale_errors(session, is_frame_free="base" in determined),
             n_repeats=session.n_repeats,
             averaged_mm2=float(session.averaged_mm2.mean()),
             repeat_std_mm=session.repeat_std_mm,
@@ -196,12 +196,6 @@ class PreparedReadings:
     def days(self) -> tuple[str, ...]:
         """Names of the sessions on days of their own: not those of several cameras, which are frames of one day."""
         return () if any(one.kind == "pose" for one in self.references) else tuple(self.frames)
-
-    @property
-    def u_scale(self) -> FloatArray | None:
-        """(n,) the standard uncertainty of the reference's scale that is stated [1]."""
-        ppm = self.measured.u_scale_ppm
-        return None if ppm is None else PPM * ppm
 
     @property
     def has_point(self) -> BoolArray:
@@ -245,7 +239,7 @@ def _stretches(prepared: PreparedReadings, session: Session) -> tuple[PreparedRe
         references=[replace(points.select(chosen), rows=np.arange(len(rows)))],
         chain=roughly_aligned_chain(prepared.arm, within, prepared.free),
         groups=cross_validation_groups(within),
-        scale_shifts=prepared.scale_shifts[rows],
+        scale_errors=prepared.scale_errors[rows],
         n_repeats=within.n_repeats,
         averaged_mm2=float(within.averaged_mm2.mean()),
     )
