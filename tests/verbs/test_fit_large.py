@@ -151,9 +151,7 @@ def physical_by_sums():
 @pytest.mark.parametrize("model", [pytest.param("nominal", marks=pytest.mark.weekly), "kinematic"])
 def test_rounding_of_the_angles_is_in_the_sums(model, monkeypatch):
     session = ta.simulate("ur10", poses=1000, seed=1).session
-    # The scale that a sample shows is in the uncertainty of all where none is stated.
-    angles, u_scale_ppm = np.radians(np.round(np.degrees(session.angles), 1)), np.ones(1000)
-    session = replace(session, angles=angles, u_scale_ppm=u_scale_ppm)
+    session = replace(session, angles=np.radians(np.round(np.degrees(session.angles), 1)))
     whole = ta.fit("ur10", session, model=model).model
     monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 700)
     monkeypatch.setattr(module, "SAMPLE", 400)

@@ -141,7 +141,10 @@ class LengthScale:
         """What a person must know of a scale that an arm may have; nothing if it is none by its uncertainty."""
         is_said = abs(self.share) > max(sure * self.u, LEAST_SAID) and not self.is_contradicted(arm)
         why = "the arm is warm, or" if abs(self.share) <= LEAST_SCALE else "the drawing or"
-        said = f"All {self}: {why} the reference (its scale, a stated length) is off."
+        said = (
+            f"All {self}: {why} the reference (its scale, a stated length) is off. If it is the reference, the "
+            "uncertainty lacks it: state u_scale_ppm."
+        )
         return (Finding("length scale", said, {"share": self.share, "u": self.u}),) if is_said else ()
 
     def __str__(self) -> str:
