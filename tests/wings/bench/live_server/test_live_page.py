@@ -107,10 +107,11 @@ def test_by_keyboard_alone_a_reading_is_taken_in_a_seat_and_undone(tab, tmp_path
         )
         assert tab.locator("#count").inner_text() == "0 of 2"
         assert re.fullmatch(r"[+\u2212]\d+|0", tab.locator(".to-go").first.inner_text())
-        first = tab.locator(".space").evaluate("(canvas) => canvas.toDataURL()")
+        drawn = "(canvas) => new Promise(done => requestAnimationFrame(() => done(canvas.toDataURL())))"
+        first = tab.locator(".space").evaluate(drawn)
         bench.pose = np.radians([40.0, -60.0, 60.0, 0.0, 90.0, 0.0])
         tab.locator(".angle").first.filter(has_text="40.00").wait_for()
-        assert tab.locator(".space").evaluate("(canvas) => canvas.toDataURL()") != first
+        assert any(tab.locator(".space").evaluate(drawn) != first for _ in range(100))  # some frames later
         tab.keyboard.press("s")
         tab.keyboard.type("tun")
         tab.keyboard.press("Enter")
