@@ -20,6 +20,9 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Share of the residuals' squares that two groups explain, from which they are named.
 LEAST_EXPLAINED = 0.8
+# And the share that the first split explains, without which none is searched: of good sessions 0.1 to 0.3, and 0.45 and
+# more of two tips in seats, at a tracker 0.98.
+LEAST_SPLIT = 0.35
 # Readings of a group, at least: fewer are gross errors.
 LEAST_READINGS, LEAST_SHARE = 5, 0.1
 # An offset that is said [mm]: joints with play leave two groups too, some tenths apart.
@@ -89,10 +92,15 @@ def _groups(residuals: FloatArray, R_frame: FloatArray, place: IntArray) -> _Gro
         flat = values.reshape(len(values), -1)
         return (flat - of_places(flat)).reshape(values.shape)
 
+    values = np.einsum("nji,nj->ni", R_frame, residuals)
+    values -= values.mean(axis=0)
+    members = _split(values)
+    between = sum(float((values[part].sum(axis=0) ** 2).sum()) / max(part.sum(), 1) for part in (members, ~members))
+    if between < LEAST_SPLIT * float((values**2).sum()):
+        return _Groups(members, np.zeros(3), 0.0)
     n, wanted = len(residuals), centred(residuals).ravel()
     constant = centred(R_frame).reshape(3 * n, 3)
     alone = wanted - constant @ np.linalg.lstsq(constant, wanted, rcond=1e-9)[0]
-    members = _split(np.einsum("nji,nj->ni", R_frame, residuals))
     squares, offset = np.full((2, n), np.inf), np.zeros(3)
     for _ in range(MAX_ROUNDS):
         columns = np.concatenate([R_frame, R_frame * members[:, None, None]], axis=2)
