@@ -364,10 +364,9 @@ class CorrectedTargets(TableRecord):
             tips = nominal_poses(self.equipped).chain.tip_in_base(joints)
         else:
             tips = self.equipped.predict(joints)
-        if self.frame == "base":
-            T = reference_from_base(self.model)
-            tips = (tips - T[:3, 3]) @ T[:3, :3]
-        manifest = Manifest.of(self.model, format, tips=tips, direction=self.direction, frame=self.frame)
+        manifest = Manifest.of(
+            self.model, format, tips=self._in_frame(tips), direction=self.direction, frame=self.frame
+        )
         poses = tuple(
             pose if refused else pose.model_copy(update={"corrected_joints": tuple(q)})
             for pose, q, refused in zip(
@@ -376,6 +375,13 @@ class CorrectedTargets(TableRecord):
         )
         tool = None if self.tool is None else tuple(_checked_tool(self.tool).tolist())
         return manifest.model_copy(update={"check_poses": poses, "tool": tool})
+
+    def _in_frame(self, tips: FloatArray) -> FloatArray:
+        """Tips (n, 3) in the frame of the reference, in that of the targets [mm]."""
+        if self.frame == "reference":
+            return tips
+        T = reference_from_base(self.model)
+        return np.asarray((tips - T[:3, 3]) @ T[:3, :3])
 
     def summary(self) -> str:
         """The answer in one sentence: how many targets were corrected, and by how much."""
@@ -477,7 +483,7 @@ class CorrectedTargets(TableRecord):
             chain = self.model.nominal_.chain
             yield from doubt_about_angles(self.model.training_, self.targets.joints, chain.is_prismatic)
         elif self.refused.all():
-            tips, at_start = self.targets.tips, self.equipped.predict(self.targets.joints)
+            tips, at_start = self.targets.tips, self._in_frame(self.equipped.predict(self.targets.joints))
             away = {f: float(np.median(np.linalg.norm(f * tips - at_start, axis=1))) for f in (1.0, *OTHER_UNITS)}
             factor = min(away, key=away.__getitem__)
             if FAR_NEARER * away[factor] < away[1.0]:

@@ -162,6 +162,11 @@ def test_targets_in_another_unit_are_named_with_it(ur10):
     for factor in (1e-3, 1e3):
         wrong = Targets(joints, tips=factor * nominal_of(ur10.model, joints).tip_in_base)
         assert f"times {1 / factor:g} only" in str(correct(ur10.model, wrong))
+    start = nominal_of(ur10.model, joints).tip_in_base
+    far = correct(ur10.model, Targets(joints, tips=start + [2500.0, 0.0, 0.0]), frame="base")
+    assert far.refused.all()
+    there = far._in_frame(far.equipped.predict(joints))
+    assert np.abs(there - start).max() < 10.0  # the errors of the arm: both are in its base [mm]
 
 
 def test_a_limit_is_named_with_the_joint_and_by_how_much(ur10):
