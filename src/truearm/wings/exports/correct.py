@@ -38,6 +38,7 @@ from truearm.wings.exports.targets.program_literals import (
     fanuc_joints,
     program_text,
 )
+from truearm.wings.exports.targets.start_joints import check_orientations, doubts_about_poses
 from truearm.wings.exports.targets.targets import Targets, read_targets, targets_from_frame
 
 if TYPE_CHECKING:
@@ -45,10 +46,6 @@ if TYPE_CHECKING:
 
 TargetsLike: TypeAlias = "npt.ArrayLike | pd.DataFrame | Targets | str | Path"
 
-# By how much positions in m, cm, inches or um would have to be multiplied, and those in mm that are said to be in m.
-OTHER_UNITS = (1000.0, 10.0, 25.4, 0.001)
-# They are in that unit if they are then so much nearer to where their start joints are.
-FAR_NEARER = 5.0
 MEANING = {
     "command": "command: send these joints, and the arm goes to the targets. Do not correct them again.",
     "feedback": "feedback: at these joints the nominal arm is where the arm is. Do not send them to the controller.",
@@ -134,6 +131,7 @@ def correct(
     equipped = fitted.under(conditions)
     if tool is not None:
         equipped = with_tool(equipped, _checked_tool(tool))
+    check_orientations(equipped, wanted, frame)
     corrected = correct_targets(
         equipped, wanted, direction=direction, frame=frame, untrained=untrained, uncertainty=uncertainty
     )
@@ -461,7 +459,7 @@ class CorrectedTargets(TableRecord):
     def _remarks(self) -> Iterator[str]:
         """What a person must know of these targets."""
         yield from self.model.doubts()
-        yield from self._doubt_about_unit()
+        yield from self._doubt_about_numbers()
         of_file = self.targets.joint_file
         yield from of_file.findings(self.joints) if of_file else ()
         n_joints = self.model.arm_.n_joints
@@ -477,20 +475,13 @@ class CorrectedTargets(TableRecord):
             first = next(iter(self.model.session_frames_))
             yield f"All targets are in the frame of the session {first}, the model's first."
 
-    def _doubt_about_unit(self) -> Iterator[str]:
-        """That targets may be in another unit: joints by the trained range, positions by where the start joints are."""
+    def _doubt_about_numbers(self) -> Iterator[str]:
+        """That targets may mean another thing: joints by the trained range, poses by where their start joints are."""
         if self.targets.tips is None:
             chain = self.model.nominal_.chain
             yield from doubt_about_angles(self.model.training_, self.targets.joints, chain.is_prismatic)
-        elif self.refused.all():
-            tips, at_start = self.targets.tips, self._in_frame(self.equipped.predict(self.targets.joints))
-            away = {f: float(np.median(np.linalg.norm(f * tips - at_start, axis=1))) for f in (1.0, *OTHER_UNITS)}
-            factor = min(away, key=away.__getitem__)
-            if FAR_NEARER * away[factor] < away[1.0]:
-                yield (
-                    f"The targets are {format_mm(away[1.0])} from the tips at their start joints, and times {factor:g} "
-                    f"only {format_mm(away[factor])}: check the unit in the names of the columns."
-                )
+        else:
+            yield from doubts_about_poses(self.equipped, self.targets, self.frame, all_refused=bool(self.refused.all()))
 
     def _header(self) -> list[str]:
         """Lines for the head of a file, for people."""

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -167,6 +168,48 @@ def test_targets_in_another_unit_are_named_with_it(ur10):
     assert far.refused.all()
     there = far._in_frame(far.equipped.predict(joints))
     assert np.abs(there - start).max() < 10.0  # the errors of the arm: both are in its base [mm]
+
+
+def posed(model, joints, orientations, names, *, shift_mm=(0.0, 0.0, 0.0)):
+    """A table of joints and of the nominal poses there, shifted along the axes of the tip."""
+    R, tips = nominal_of(model, joints)
+    values = np.hstack([np.degrees(joints), tips + R @ np.array(shift_mm), orientations(Rotation.from_matrix(R))])
+    return pd.DataFrame(values, columns=[*(f"q{i}_deg" for i in range(1, 7)), "x_mm", "y_mm", "z_mm", *names])
+
+
+VECTOR, ANGLES = ("rx_deg", "ry_deg", "rz_deg"), ("roll_deg", "pitch_deg", "yaw_deg")
+MATRIX = [f"r{i}{j}" for i in "123" for j in "123"]
+
+
+@pytest.mark.parametrize(
+    ("names", "orientations", "meant"),
+    [
+        (["qw", "qx", "qy", "qz"], lambda R: R.as_quat(), "qx, qy, qz, qw in this order"),
+        (ANGLES, lambda R: R.as_rotvec(degrees=True), "a rotation vector"),
+        (VECTOR, lambda R: R.as_euler("xyz", degrees=True), "roll, pitch, yaw"),
+        (ANGLES, lambda R: R.as_euler("ZYX", degrees=True), "about z, the new y and the new x"),
+        (ANGLES, lambda R: R.as_euler("XYZ", degrees=True), "about x, the new y and the new z"),
+        (VECTOR, lambda R: R.as_rotvec(), "in rad"),
+        (MATRIX, lambda R: R.inv().as_matrix().reshape(-1, 9), "transposed"),
+    ],
+)
+def test_orientations_that_fit_their_start_joints_in_another_convention_are_refused(ur10, names, orientations, meant):
+    table = posed(ur10.model, ur10.joints, orientations, names)
+    refuses(f"deg from those at their start joints.* if .*{meant}", correct, ur10.model, table, untrained="accept")
+    one = table.drop(columns=[f"q{i}_deg" for i in range(1, 7)])
+    assert correct(ur10.model, one, start=ur10.joints[0], untrained="accept") is not None
+
+
+def test_start_joints_far_from_their_poses_are_said_with_the_tool_that_explains_it(ur10):
+    def said(**options):
+        table = posed(ur10.model, ur10.joints, lambda R: R.as_rotvec(degrees=True), VECTOR, **options)
+        return str(correct(ur10.model, table, untrained="accept", uncertainty=False))
+
+    assert "start joints" not in said()
+    assert "at each by 0.0, -20.0, 80.0 mm along the axes of the tip: check the tool" in said(shift_mm=(0, -20, 80))
+    table = posed(ur10.model, ur10.joints, lambda R: R.as_rotvec(degrees=True), VECTOR)
+    table["x_mm"] += 200.0
+    assert "if those only choose the configuration" in str(correct(ur10.model, table, untrained="accept"))
 
 
 def test_a_limit_is_named_with_the_joint_and_by_how_much(ur10):

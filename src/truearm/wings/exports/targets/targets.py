@@ -41,6 +41,8 @@ class Targets:
         Positions of the tip [mm].
     rotations : (n, 3, 3) array, optional
         Orientations of the flange or of the tool, axes as columns; only together with `tips`.
+    orientations : (str, (n, k) array), optional
+        By what the table states `rotations`, and its numbers, angles in rad.
     joint_columns : tuple of str, optional
         Names of the joint columns in the file that they came from; in degrees by default.
     words : mapping of str to (n,) array of str
@@ -61,6 +63,7 @@ class Targets:
     joints: FloatArray
     tips: FloatArray | None = None
     rotations: FloatArray | None = None
+    orientations: tuple[str, FloatArray] | None = None
     joint_columns: tuple[str, ...] | None = None
     words: Mapping[str, NameArray] = field(default_factory=dict)
     temperature_degC: FloatArray | None = None
@@ -291,11 +294,9 @@ def _targets(
     n = len(next(iter(columns.values()))) if columns else 0
     joint_columns = _joint_columns(columns, problem)
     tips = _vector(columns, _POSITION, problem)
-    stated = [what for what, (names, _) in _ORIENTATIONS.items() if any(_stem(c) in names for c in columns)]
-    if len(stated) > 1:
-        raise problem(f"the orientation is stated twice: as {' and as '.join(stated)}", hint="keep one of them")
-    if stated and tips is None:
-        raise problem(f"{stated[0]} without a position", hint="add x_mm, y_mm, z_mm")
+    orientations = _orientations(columns, problem)
+    if orientations is not None and tips is None:
+        raise problem(f"{orientations[0]} without a position", hint="add x_mm, y_mm, z_mm")
     if not joint_columns and tips is None:
         raise problem("expected targets, got no joints and no positions", hint=EXPECTED)
     if joint_columns:
@@ -304,17 +305,13 @@ def _targets(
             raise problem("start joints are given twice: in the file and as start", hint="omit one of them")
     else:
         joints = _start_for_all(start, n, problem)
-    rotations = None
-    if stated:
-        what = stated[0]
-        vector = _vector(columns, _ORIENTATIONS[what][0], problem)
-        assert vector is not None  # one of its columns is there
-        rotations = _rotations(what, vector, problem)
+    rotations = None if orientations is None else _rotations(*orientations, problem)
     directions = _directions(columns, joints.shape[1], problem)
     return Targets(
         joints,
         tips,
         rotations,
+        orientations,
         joint_columns=joint_columns or None,
         words={name: texts for name, texts in words.items() if not _is_note(name)},
         temperature_degC=columns.get(TEMPERATURE),
@@ -355,7 +352,7 @@ def _joint_columns(columns: dict[str, FloatArray], problem: _Problem) -> tuple[s
     return tuple(found[number] for number in sorted(found))
 
 
-def _vector(columns: dict[str, FloatArray], names: Sequence[str], problem: _Problem) -> FloatArray | None:
+def _vector(columns: Mapping[str, FloatArray], names: Sequence[str], problem: _Problem) -> FloatArray | None:
     """Columns that belong together, in rad and mm; None if there are none of them."""
     parts = []
     for name in names:
@@ -370,6 +367,15 @@ def _vector(columns: dict[str, FloatArray], names: Sequence[str], problem: _Prob
         raise problem(f"the column {absent} is missing beside {', '.join(parts)}", hint="all of them, or none")
     with np.errstate(over="ignore"):  # what becomes infinite is refused
         return np.stack([columns[c] * (FACTOR[unit_of(c)] if "_" in c else 1.0) for c in parts], axis=1)
+
+
+def _orientations(columns: Mapping[str, FloatArray], problem: _Problem) -> tuple[str, FloatArray] | None:
+    """What states the orientations, and its numbers (n, k), angles in rad; None if nothing does."""
+    stated = [what for what, (names, _) in _ORIENTATIONS.items() if any(_stem(c) in names for c in columns)]
+    if len(stated) > 1:
+        raise problem(f"the orientation is stated twice: as {' and as '.join(stated)}", hint="keep one of them")
+    vector = _vector(columns, _ORIENTATIONS[stated[0]][0], problem) if stated else None
+    return None if vector is None else (stated[0], vector)
 
 
 def _stem(column: str) -> str:
