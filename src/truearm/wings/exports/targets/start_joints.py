@@ -69,9 +69,10 @@ def _other_meanings(what: str, numbers: FloatArray) -> Iterator[tuple[str, Float
         yield "the matrices are transposed", numbers.reshape(-1, 3, 3).swapaxes(1, 2)
     else:
         is_vector = what == "a rotation vector"
-        own = Rotation.from_rotvec if is_vector else lambda one: Rotation.from_euler("xyz", one)
-        yield "they are in rad", own(np.degrees(numbers)).as_matrix()
-        yield "they are in deg", own(np.radians(numbers)).as_matrix()
+        for unit, factor in (("rad", np.degrees(1.0)), ("deg", np.radians(1.0))):
+            scaled = factor * numbers
+            as_stated = Rotation.from_rotvec(scaled) if is_vector else Rotation.from_euler("xyz", scaled)
+            yield f"they are in {unit}", as_stated.as_matrix()
         if is_vector:
             yield "they are roll, pitch, yaw", Rotation.from_euler("xyz", numbers).as_matrix()
         else:
