@@ -33,6 +33,7 @@ from made_up_listings import (
 from scipy.spatial.transform import Rotation
 
 import truearm as ta
+from refusals import refuses
 from truearm.arm import Chain
 from truearm.arm.couplings import parse_coupling
 from truearm.arm.inverse_kinematics import solve_inverse_kinematics
@@ -209,16 +210,36 @@ class TestUniversalRobots:
         model, planned = fitted("ur10"), joints_of("ur10", 3)
         (tmp_path / "mine.yaml").write_text(calibration_yaml())
         script = polyscope_script(model.arm_.chain, planned)
-        _, found = corrected(tmp_path, model, script.encode(), "a.script", FRAMES.replace('"nominal"', '"mine.yaml"'))
-        assert not found.changes
-        assert all("its joints and its pose disagree by" in one.reason for one in found.left)
+        frames = FRAMES.replace('"nominal"', '"mine.yaml"')
+        said = "3 of 3 points contradict themselves, the first P_1_p: its joints and its pose disagree by"
+        refuses(said, corrected, tmp_path, model, script.encode(), "a.script", frames)
 
     def test_a_pair_that_disagrees_with_the_drawing_is_not_that_of_a_nominal_controller(self, tmp_path):
         model, planned = fitted("ur10"), joints_of("ur10", 3)
         script = polyscope_script(calibrated(), planned)
-        _, found = corrected(tmp_path, model, script.encode(), "a.script")
-        assert not found.changes
-        assert all("another tool, or other kinematics" in one.reason for one in found.left)
+        error = refuses("another tool, or other kinematics", corrected, tmp_path, model, script.encode(), "a.script")
+        assert "they agree for 'ur10'" in error.hint
+
+    def test_one_pair_that_disagrees_stays_and_the_others_are_corrected(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", 3)
+        other = re.sub(r"(P_3_q=\[)[^,]*", r"\g<1>0.5", polyscope_script(model.arm_.chain, planned))
+        _, found = corrected(tmp_path, model, other.encode(), "a.script")
+        assert "its joints and its pose disagree by" in next(one.reason for one in found.left if one.name == "P_3_p")
+
+    def test_a_program_whose_points_are_those_of_another_robot_is_refused_with_its_name(self, tmp_path):
+        script = polyscope_script(ta.load_arm("ur10e").chain, joints_of("ur10", 3))
+        error = refuses("contradict themselves", corrected, tmp_path, fitted("ur10"), script.encode(), "a.script")
+        assert "they agree for 'ur10e' to 0.0" in error.hint
+
+    def test_joints_of_a_point_are_corrected_with_its_pose_where_moves_name_the_pose_alone(self, tmp_path):
+        model, planned = fitted("ur10"), joints_of("ur10", 3)
+        script = polyscope_script(model.arm_.chain, planned)
+        both, _ = corrected(tmp_path, model, script.encode(), "a.script")
+        alone = re.sub(r"movej\(get_inverse_kin\((P_\d_p), qnear=P_\d_q\)", r"movel(\1", script)
+        text, found = corrected(tmp_path, model, alone.encode(), "a.script")
+        assert len(found.changes) == 3
+        for pattern in (r"P_\d_p=p\[(.*)\]", r"P_\d_q=\[(.*)\]"):
+            assert (numbers(pattern, text.decode()) == numbers(pattern, both.decode())).all()
 
     def test_start_joints_that_are_not_those_of_the_pose_stay(self, tmp_path):
         new, found = corrected(tmp_path, fitted("ur10"), BENT_SCRIPT.encode(), "a.script")

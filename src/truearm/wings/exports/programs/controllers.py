@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.arm import Chain
+from truearm.arm import Chain, list_arms, load_arm
 from truearm.arm.kinematics_yaml import read_ur_kinematics
 from truearm.arm.rigid_motions import inverse, screw_x, screw_z
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
+from truearm.findings import format_mm
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.models import Compensator
 from truearm.typing import FloatArray
@@ -280,6 +281,19 @@ def disagreements(controller: Chain | None, joints: FloatArray, flange: FloatArr
         else f"its joints and its pose disagree by {mm:.3g} mm and {deg:.2g} deg: another tool, or other kinematics"
         for mm, deg in zip(away.tolist(), turn.tolist(), strict=True)
     ]
+
+
+def other_robot(joints: FloatArray, flange: FloatArray) -> str:
+    """What to do where joints (n, 6) and poses (n, 4, 4) disagree: the known robot with which they agree, if any."""
+    chains = {name: load_arm(name).chain.with_tip(np.zeros(3)) for name in list_arms("Universal Robots")}
+    away = {
+        name: float(np.linalg.norm(chain.tip_in_base(joints) - flange[:, :3, 3], axis=1).max())
+        for name, chain in chains.items()
+    }
+    name = min(away, key=away.__getitem__)
+    if away[name] < MOST_MM / 3:  # other types are farther off
+        return f"they agree for {name!r} to {format_mm(away[name])}: give its model, and its calibration"
+    return "give the model of the robot of this program, its calibration and its tool; lengths are in m, angles in rad"
 
 
 def with_controller(model: Compensator, controller: Chain) -> Compensator:

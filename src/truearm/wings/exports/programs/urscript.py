@@ -20,7 +20,7 @@ from truearm.arm.rigid_motions import inverse, motion
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreements
+from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreements, other_robot
 from truearm.wings.exports.programs.number_texts import NUMBER, six_numbers
 from truearm.wings.exports.programs.numbers import quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
@@ -303,6 +303,10 @@ class _Reader:
     def targets(self, beside: Surroundings, stated: StatedKinematics) -> Iterator[tuple[int, Target | LeftAlone]]:
         """The targets in the order of the moves, by the places of their lists, and what is not changed."""
         tool, no_tool = self._tool(beside)
+        for use in self.uses.values():
+            twins = self._twins(use.name) if use.literal.is_pose and not use.near else ()
+            if len(twins) == 1 and not twins[0].is_pose:
+                use.near = {twins[0].start: twins[0]}
         self.n_uses.update([*self.uses, *(start for use in self.uses.values() for start in use.near)])
         before: _Literal | None = None
         away = self._disagreements(tool, stated)
@@ -316,15 +320,35 @@ class _Reader:
             yield start, LeftAlone(self.line(start), use.name, made, is_literal=True) if isinstance(made, str) else made
 
     def _disagreements(self, tool: FloatArray | None, stated: StatedKinematics) -> dict[int, str]:
-        """Of poses with joints of their own, by the places of their lists; see `disagreements`."""
+        """Of poses with joints of their own, by the places of their lists; see `disagreements`.
+
+        Raises
+        ------
+        InputError
+            If most points with joints and pose contradict themselves: of another robot, or with another tool.
+        """
         if tool is None:
             return {}
         uses = [use for use in self.uses.values() if use.literal.is_pose and use.near]
         joints = np.array([next(iter(use.near.values())).values for use in uses]).reshape(-1, 6)
         poses = np.array([pose_matrix(use.literal.values) for use in uses]).reshape(-1, 4, 4)
         self.poses = {use.literal.start: T for use, T in zip(uses, poses, strict=True)}
-        found = disagreements(stated.checked, joints, poses @ inverse(tool))
+        flange = poses @ inverse(tool)
+        found = disagreements(stated.checked, joints, flange)
+        own = [i for i, use in enumerate(uses) if next(iter(use.near.values())) in self._twins(use.name)]
+        bad = [i for i in own if found[i]]
+        if 2 * len(bad) > len(own):
+            first = uses[bad[0]]
+            raise InputError(
+                f"{len(bad)} of {len(own)} points contradict themselves, the first {first.name}: {found[bad[0]]}",
+                line=self.line(first.literal.start),
+                hint=other_robot(joints[own], flange[own]),
+            )
         return {use.literal.start: one for use, one in zip(uses, found, strict=True)}
+
+    def _twins(self, name: str) -> Sequence[_Literal]:
+        """The joints of a point (`Name_q`) whose pose is in the variable `Name_p`."""
+        return self.variables.get(f"{name[:-2]}_q", ()) if name.endswith("_p") else ()
 
     def _target(
         self, use: _Use, near: _Literal | None, tool: FloatArray | str, stated: StatedKinematics, away: str | None
@@ -352,8 +376,7 @@ class _Reader:
         q = None if near is None else np.array(near.values)
         named = dict(zip(POSE, numbers, strict=True))
         if near is not None and away is not None:
-            twins = self.variables.get(f"{use.name[:-2]}_q", ()) if use.name.endswith("_p") else ()
-            if away and near in twins:
+            if away and near in self._twins(use.name):
                 return away
             if not away and self.n_uses[near.start] == 1:
                 named |= zip(JOINTS, near.numbers, strict=True)
