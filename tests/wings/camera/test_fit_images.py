@@ -312,6 +312,65 @@ def test_a_board_of_another_size_has_a_remedy_that_the_command_knows():
     assert "state their side in --board" in error.value.hint
 
 
+def test_four_images_are_fitted():
+    """Each is held out by an identification without it, of which the positions are compared."""
+    cell, session, pixels = measured(True)
+    few = pixels.rows(pixels.reading <= 4)
+    found = fit_images("ur5", session.rows(np.arange(4)), few, board=cell.board, eye_in_hand=True, model="kinematic")
+    assert found.n_used == 4
+
+
+@pytest.mark.parametrize(
+    ("in_hand", "mount", "what"),
+    [
+        (False, "T_world_fixed", "The base or the camera (or its focus)"),
+        (False, "T_flange_mounted", "The board on the flange"),
+        (True, "T_flange_mounted", "The camera on the flange (or its focus)"),
+    ],
+)
+def test_a_camera_or_board_that_moved_between_two_images_is_named(in_hand, mount, what):
+    """By 1 mm, of which images of 0.2 px show a tenth."""
+    cell = measured(in_hand)[0]
+    moved = replace(cell, **{mount: getattr(cell, mount) @ motion(np.eye(3), np.array([1.0, 0, 0]))})
+    session, pixels = of_both(in_hand, moved)
+    found = fit_images("ur5", session, pixels, board=cell.board, eye_in_hand=in_hand, model="kinematic")
+    (change,) = (str(one) for one in found.findings if one.what == "change")
+    assert change.startswith(f"{what} moved between reading 12 and reading 13, by ")
+    assert not any(one.what == "change" for one in fitted(in_hand).findings)
+
+
+def of_both(in_hand: bool, later: VirtualCell) -> tuple[ta.Session, PixelObservations]:
+    """Half of the images before, half after a change."""
+    _, session, pixels = measured(in_hand)
+    others, seen = later.table(N // 2, seed=6)
+    first = pixels.rows(pixels.reading <= N // 2)
+    names = np.char.add("later ", seen.image)
+    second = replace(seen, reading=seen.reading + N // 2, image=names, sizes_px=first.sizes_px)
+    angles = np.vstack([session.angles[: N // 2], others.angles])
+    return ta.Session(angles), PixelObservations.joined([first, second])
+
+
+def test_a_camera_that_turned_between_two_images_is_refused_by_name():
+    cell = measured(False)[0]
+    turned = motion(Rotation.from_rotvec(np.radians([0, 8.0, 0])).as_matrix(), np.zeros(3))
+    session, pixels = of_both(False, replace(cell, T_world_fixed=cell.T_world_fixed @ turned))
+    with pytest.raises(
+        InputError, match=r"up to .*\(reading 12\) agree with each other, and those from .*\(reading 13"
+    ):
+        fit_images("ur5", session, pixels, board=cell.board, model="kinematic")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [(lambda q: q * [1, 1, -1, 1, 1, 1], "sign of J3 reversed"), (np.radians, "all angles are in rad, stated in deg")],
+)
+def test_joints_that_are_wrong_are_named_by_what_would_be_right(wrong, said):
+    cell, session, pixels = measured(False)
+    with pytest.raises(InputError, match="turn differently") as error:
+        fit_images("ur5", replace(session, angles=wrong(session.angles)), pixels, board=cell.board, model="kinematic")
+    assert (error.value.hint or "").startswith(f"put this right: {said} (")
+
+
 def test_intrinsics_that_are_kept_are_shown_with_their_digits():
     table = next(one for one in kept().blocks() if isinstance(one, TextTable) and "value" in one.columns)
     true = measured(False)[0].lens.intrinsics.tolist()

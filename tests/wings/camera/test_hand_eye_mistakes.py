@@ -283,3 +283,28 @@ def test_few_images_leave_the_arm_nominal(n):
     assert "too few to identify the arm" in said(found)
     assert found.fitted.model_name == "nominal"
     assert f"Only {n} images: U comes from their scatter" in said(make_cell(1, n, noise=(0.02, 0.1)).hand_eye())
+
+
+@BOTH
+@pytest.mark.parametrize("of", ["board", "camera"])
+@pytest.mark.parametrize("joints", [False, True])
+def test_a_camera_or_board_that_moved_between_two_images_is_named(eye_in_hand, of, joints):
+    """By 5 mm, beside an arm with errors of some 1 mm; with the joints the row of the image is that of the file."""
+    cell = make_cell(7, 40, eye_in_hand=eye_in_hand, errors=(5e-4, 0.3), noise=(0.05, 0.3))
+    assert "moved between" not in said(cell.hand_eye(joints=joints))
+    seen, by = cell.seen.copy(), motion(np.eye(3), np.array([5.0, 0, 0]))
+    seen[22:] = seen[22:] @ by if of == "board" else by @ seen[22:]
+    between = "reading 22 and reading 23" if joints else "image 22 and image 23"
+    found = said(cell.with_seen(seen).hand_eye(joints=joints))
+    assert f"moved between {between}" in found
+    assert f"he {of}" in found.partition(" moved between")[0].rpartition(". ")[2] + "he"
+    with_names = "column session, and fit again" in found
+    assert not with_names
+
+
+def test_joints_of_another_sign_are_named():
+    cell = cell_of()
+    joints = cell.joints * [1, 1, -1, 1, 1, 1]
+    with pytest.raises(Contradiction, match="turn differently") as error:
+        ta.hand_eye(cell.seen, joints, arm=cell.arm)
+    assert error.value.hint.startswith("put this right: sign of J3 reversed (")

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
 from truearm.identification.judgement.change_point import CLEAR_ODDS, Change, rigid_motions, session_changes
+from truearm.identification.references.orientations import Poses
 from truearm.identification.references.prepared_readings import PreparedReadings
+from truearm.identification.references.references import Reference
 from truearm.typing import FloatArray
 
 # Gross errors are single readings: where most of so many in a row are, something changed.
@@ -120,11 +122,13 @@ def frame_changes(fit: IdentificationResult, readings: PreparedReadings) -> Iter
     ----------
     fit : IdentificationResult
     readings : PreparedReadings
-        In the order in which they were measured; without points or distances nothing is tested.
+        In the order in which they were measured; without points, poses or distances nothing is tested.
     """
-    part = next((one for one in fit.references if one.kind in ("point", "distance")), None)
-    if part is None:
+    both = zip(fit.references, readings.references, strict=True)
+    found = next((one for one in both if one[0].kind in ("point", "pose", "distance")), None)
+    if found is None:
         return
+    part = _of_positions(*found)
     session, named = readings.measured, readings.measured.session
     names = np.full(len(session), "") if named is None else named
     order = np.argsort(part.rows)
@@ -154,6 +158,15 @@ def frame_changes(fit: IdentificationResult, readings: PreparedReadings) -> Iter
             n_sessions = min(len(rows) // READINGS_A_SESSION, MAX_SESSIONS)
             slides = [ZERO.format(joint + 1) for joint in np.flatnonzero(fit.chain.is_prismatic)]
             yield SessionChange(str(name), change, before, after, first, last, n_sessions, change.what in slides)
+
+
+def _of_positions(part: ReferenceFit, reference: Reference) -> ReferenceFit:
+    """The residuals of poses by their positions along the axes of the reference; those of others as they are."""
+    if not isinstance(reference, Poses):
+        return part
+    U = reference.principal_axes
+    variance = np.einsum("mij,jm->im", U**2, part.std[:3] ** 2)
+    return replace(part, residuals=np.einsum("mij,jm->im", U, part.residuals[:3]), std=np.sqrt(variance))
 
 
 def _motions(fit: IdentificationResult, angles: FloatArray, points: FloatArray) -> dict[str, FloatArray]:

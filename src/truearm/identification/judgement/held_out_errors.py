@@ -146,7 +146,7 @@ def _residuals(fit: IdentificationResult, kinds: Sequence[str]) -> dict[int, Flo
     """Residuals (k,) by reading [mm]; of readings in a seat of which none took part, about their mean."""
     found: dict[int, FloatArray] = {}
     for part in reversed([part for part in fit.references if part.kind in kinds]):  # points judge where there are both
-        residuals, used = part.residuals.T, part.robust_weight > 0
+        residuals, used = part.residuals[:3].T, part.robust_weight > 0  # of a pose the first three: displacements
         if part.kind == "seat":
             for seat in np.setdiff1d(part.artefact, part.artefact[used]):
                 rows = part.artefact == seat

@@ -152,6 +152,11 @@ class Poses:
         return self._along[1]
 
     @property
+    def principal_axes(self) -> FloatArray:
+        """(m, 3, 3) those of the position errors as columns: their residuals are along them."""
+        return self._along[0][:, :3, :3].transpose(0, 2, 1)
+
+    @property
     def unknowns(self) -> tuple[str, ...]:
         """The common errors."""
         return self.errors.common

@@ -15,13 +15,11 @@ from truearm.acceptance import accepted, accepts, contradict
 from truearm.arm import Arm
 from truearm.arm.rigid_motions import cross_matrix, inverse, motion
 from truearm.choices import ModelName
-from truearm.errors import InputError
+from truearm.errors import Contradiction, InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.findings import Finding, format_mm, in_order
 from truearm.identification.estimation.common_errors import CommonErrors
-from truearm.identification.judgement.description_check import likelier_arm
 from truearm.identification.references.prepared_readings import PreparedReadings
-from truearm.identification.references.reference_table import reference_table
 from truearm.models import IdentifiedModel
 from truearm.models.identified_model import require_identified
 from truearm.readings import Lengths, Session, read_lengths
@@ -45,7 +43,14 @@ from truearm.wings.camera.images import (
 )
 from truearm.wings.camera.interpretation import OF_IMAGES, Interpretation, interpret
 from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera
-from truearm.wings.camera.mounts import CameraAndBoard, Transform, where_it_is_carried, where_it_stands
+from truearm.wings.camera.mounts import (
+    CameraAndBoard,
+    Transform,
+    explained,
+    of_cell,
+    where_it_is_carried,
+    where_it_stands,
+)
 from truearm.wings.camera.pose_files import Poses
 
 # Intrinsics that are kept are contradicted, or doubted, from so many standard uncertainties and this share of the focal
@@ -164,6 +169,10 @@ def fit_images(
         except InputError as error:
             told = f"Images could not be judged again by the zeros found: {error.problem}; those ignored stay so."
             placed = replace(placed, findings=(*placed.findings, Finding("hand-eye", told)))
+    if isinstance(placed.contradiction, Contradiction):
+        left = result.held_out_mm
+        if left is None or LEAST_APART * left[0] > placed.alone_mm:
+            raise placed.contradiction
     _check_apart(placed, result)
     if found := accepted(result.model.accepted_):  # the fit says what it accepted itself; before and after was more
         result.model.accepted_ = found
@@ -196,7 +205,8 @@ def _fitted(
     for name, scale, board in zip(images.boards, scales, cell.boards.values(), strict=True):
         where[name] = _moved(where[name], -scale * board.points.mean(axis=0))
     cameras, boards = (tuple(where[name] for name in names) for names in (images.cameras, images.boards))
-    findings = [*cell.findings, *placed.findings, *_size_findings(images, scales, u_scales), *result.findings]
+    of_fit = _of_cell(cell, result.findings)
+    findings = [*cell.findings, *placed.findings, *_size_findings(images, scales, u_scales), *of_fit]
     return ImageFit(
         camera=cameras[0],
         board=boards[0],
@@ -214,6 +224,13 @@ def _fitted(
         boards=boards,
         test=None if others is None else ImageErrors.of(identified, result.nominal, settled, values, joint, others),
     )
+
+
+def _of_cell(cell: CellImages, findings: Sequence[Finding]) -> Iterator[Finding]:
+    """Findings of a fit with camera and board by their names."""
+    of, either = cell.in_hand, "camera or board"
+    standing, carried = ("board", "camera") if of.all() else (either, either) if of.any() else ("camera", "board")
+    return of_cell(findings, standing, carried)
 
 
 def _moved(one: Transform, origin: FloatArray) -> Transform:
@@ -360,9 +377,8 @@ class _Pair:
                 remedies=remedies,
             )
         except InputError as error:
-            moved = inverse(seen) if in_hand else seen
-            hint = _another_arm(arm, Session(cell.readings.angles[cell.rows[rows]], moved[:, :3, 3]))
-            contradiction = type(error)(f"{who}{error.problem}", hint=hint or error.hint)
+            named = explained(error, arm, cell.readings.angles[cell.rows[rows]], seen, in_hand=in_hand)
+            contradiction = type(error)(f"{who}{error.problem}", hint=named.hint)
         if found is None:
             A = inverse(flange) if in_hand else flange
             start, turn, sentences = closed_form(A, seen, sized=False), float("nan"), tuple[str, ...]()
@@ -383,13 +399,6 @@ class _Pair:
         R = Rotation.from_matrix(moved[:, :3, :3] @ seen[:, :3, :3].transpose(0, 2, 1)).mean().as_matrix()
         left = moved[:, :3, 3] - seen[:, :3, 3] @ R.T
         return float(np.sqrt(((left - left.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-
-def _another_arm(arm: Arm, readings: Session) -> str | None:
-    """The arm of the catalogue that explains readings which contradict the one that is stated, as a remedy."""
-    table = reference_table(readings)
-    other = None if table is None else likelier_arm(arm, table)
-    return None if other is None else f"put this right: {other} ({format_mm(other.error_mm)} remain)"
 
 
 def _check_apart(placed: _Placed, result: FitResult) -> None:

@@ -13,21 +13,23 @@ from scipy.spatial.transform import Rotation
 
 from truearm.acceptance import acceptance_remarks, accepts, contradict
 from truearm.arm import Arm
-from truearm.arm.rigid_motions import inverse, motion
+from truearm.arm.rigid_motions import cross_matrix, inverse, motion
 from truearm.choices import ModelName
 from truearm.errors import InputError
-from truearm.findings import Finding, in_order
+from truearm.findings import Finding, format_mm, in_order
+from truearm.identification.judgement.change_point import session_changes
 from truearm.models.identified_model import require_identified
 from truearm.pages.drawings.page_record import PageRecord
 from truearm.readings import Session
+from truearm.readings.columns import FACTOR
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.fit import fit
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import format_fixed, number_of
 from truearm.wings.camera.closed_form import HandEyeAlone, refined
-from truearm.wings.camera.interpretation import Interpretation, interpret
-from truearm.wings.camera.mounts import HandEyeByImages, Transform, of_alone, of_model
+from truearm.wings.camera.interpretation import OF_POSES, Interpretation, interpret
+from truearm.wings.camera.mounts import HandEyeByImages, Transform, explained, of_alone, of_cell, of_model
 from truearm.wings.camera.pose_files import Poses, Samples, Unit, checked_form, read_samples
 
 if TYPE_CHECKING:
@@ -140,15 +142,26 @@ def hand_eye(
     if moved.joints is not None:
         flange = _by_joints(moved, flange, known_arm, said)
     assert flange is not None
-    found = interpret(flange, board, eye_in_hand=in_hand, called=seen.called, board_size=board_size)
+    try:
+        found = interpret(flange, board, eye_in_hand=in_hand, called=seen.called, board_size=board_size)
+    except InputError as error:
+        if known_arm is None or moved.joints is None or not board.forms:
+            raise
+        R = board.forms[board.form or next(iter(board.forms))]
+        at = motion(R.as_matrix(), FACTOR[board.unit or "mm"] * board.positions)
+        raise explained(error, known_arm, moved.joints, at, in_hand=in_hand) from None
     alone = refined(found.A, found.C, found.start)
     said += _ignored(found, alone, seen.called)
     fitted, seen_from = None, None
     if moved.joints is None:
+        said += _moved_between(found, alone, seen.called)
         camera, mounted = _without_arm(alone, in_hand, said)
     else:
         assert known_arm is not None
         seen_from, centre = _session(found, moved.joints[found.rows[alone.rows]], alone.rows, in_hand)
+        if seen.lines is not None:
+            lines = np.array(seen.lines)[found.rows[alone.rows]]
+            seen_from = replace(seen_from, numbers=lines, by_line=True)
         if len(seen_from) < FEWEST_TO_IDENTIFY and model == "kinematic":
             model = "nominal"
             said.append(f"{len(seen_from)} images are too few to identify the arm: {FEWEST_TO_IDENTIFY} or more do.")
@@ -156,10 +169,11 @@ def hand_eye(
         fitted = fit(equipped, seen_from, model=model, accept=accept, progress=progress)
         identified = require_identified(fitted.model, "hand-eye needs an identified arm", hint="--model kinematic")
         camera, mounted = of_model(identified, eye_in_hand=in_hand, centre=centre)
+    standing, carried = ("board", "camera") if in_hand else ("camera", "board")
     findings = (
         *(Finding("acceptance", one) for one in acceptance_remarks(accept if fitted is None else None)),
         *(Finding("hand-eye", one) for one in said),
-        *(() if fitted is None else fitted.findings),
+        *(() if fitted is None else of_cell(fitted.findings, standing, carried, OF_POSES.apart)),
     )
     return HandEyeResult(
         camera=camera,
@@ -185,6 +199,24 @@ def _ignored(found: Interpretation, alone: HandEyeAlone, called: Callable[[int],
     if len(out := found.rows[~alone.rows]):
         listed = ", ".join(map(called, out.tolist()))
         yield f"Ignored, as their positions are gross errors: {number_of(len(out), 'image')} ({listed})."
+
+
+def _moved_between(found: Interpretation, alone: HandEyeAlone, called: Callable[[int], str]) -> Iterator[str]:
+    """Where the camera or the board moved between two images, beside an arm whose errors stay as they are."""
+    rows, A, C = found.rows[alone.rows], found.A[alone.rows], found.C[alone.rows]
+    seen = alone.X @ A @ alone.Y
+    poses = np.concatenate([A[:, :3, 3], Rotation.from_matrix(A[:, :3, :3]).as_rotvec()], axis=1)
+    away = seen[:, :3, 3] - seen[:, :3, 3].mean(axis=0)
+    by_camera = np.concatenate([-cross_matrix(away), np.tile(np.eye(3), (len(seen), 1, 1))], axis=2)
+    motions = {"camera (or its focus)": by_camera, "board": alone.X[:3, :3] @ A[:, :3, :3]}
+    weights = np.full((len(seen), 3), alone.position_std**-2)
+    for one in session_changes(poses, motions, seen[:, :3, 3] - C[:, :3, 3], weights, np.arange(len(seen))):
+        before, after = called(int(rows[one.row - 1])), called(int(rows[one.row]))
+        if one.kind == "step" and one.shift_mm > alone.position_std:
+            yield (
+                f"The {one.what} moved between {before} and {after}, by {format_mm(one.shift_mm)} or more: "
+                f"{OF_POSES.apart}."
+            )
 
 
 def _without_arm(alone: HandEyeAlone, in_hand: bool, said: list[str]) -> tuple[Transform, Transform]:

@@ -137,6 +137,20 @@ def shifted(robot: Rotation, camera: Rotation, *, most: int = 3) -> int | None:
     return None
 
 
+def parted(test: TurnTest) -> int | None:
+    """The first row after a step before and after which images agree, and not with those of the other side."""
+    n, fits = len(test.agree), test.off_deg < test.tolerance_deg
+    inside = {
+        k: min(fits[:k, :k].mean(), fits[k:, k:].mean())
+        for k in range(LEAST_SIDE, n - LEAST_SIDE + 1)
+        if 2 * fits[:k, k:].mean() < AGREES
+    }
+    best = max(inside, key=lambda k: inside[k], default=0)
+    return best if best and inside[best] > AGREES else None
+
+
+# Images on each side of a step, at least.
+LEAST_SIDE = 5
 # Images at which many forms are compared.
 COMPARED = 100
 # The rest of the positions over their spread above which they do not fit, and by how much another way must be better.
@@ -166,10 +180,13 @@ class Remedies:
         Of what the size that does not fit is.
     sized : str
         Where the board has another size, with ``{size}``.
+    apart : str
+        Where camera or board moved.
     """
 
     paired: str
     removed: str
+    apart: str
     inverted: bool
     mounts: tuple[str, str]
     size_of: str
@@ -177,22 +194,26 @@ class Remedies:
 
 
 PAIRED = "check that rows and images are of the same poses, in the same order, with the arm at rest"
+MEASURE = "measure the squares of the board"
+IS_FIXED = "is the board fixed, and the tool of the robot's poses always the same?"
 # Poses that others computed, and poses by corners in images.
 OF_POSES = Remedies(
     paired=PAIRED,
     removed="remove these rows",
+    apart="give the images before and after it apart",
     inverted=True,
     mounts=("--eye-in-hand", "--no-eye-in-hand"),
     size_of="the size that its poses have",
-    sized="measure the squares of the board; --board-size {size} corrects the poses",
+    sized=f"{MEASURE}; --board-size {{size}} corrects the poses",
 )
 OF_IMAGES = Remedies(
     paired=f"{PAIRED}, and that it is this arm",
     removed="remove the rows of these images from the table of pixels",
+    apart="fit the images before and after it apart",
     inverted=False,
     mounts=("--eye-in-hand", "omit --eye-in-hand, or the camera's --on-flange"),
     size_of="its stated size",
-    sized="measure the squares of the board, and state their side in --board; or it is another arm",
+    sized=f"{MEASURE}, and state their side in --board; or it is another arm",
 )
 
 
@@ -290,7 +311,7 @@ def interpret(
         size.
     """
     robot_mm, board_mm = _positions_mm(robot, "robot"), board_size * _positions_mm(board, "board")
-    ways = _ways(robot, board, remedies)
+    ways = _ways(robot, board, called, remedies)
     _check_turning(ways[0].motions(robot_mm, board_mm, eye_in_hand)[0][ways[0].test.agree], eye_in_hand)
     found = [(way, dict(way.fits(robot_mm, board_mm, eye_in_hand))) for way in ways]
     found.sort(key=lambda one: one[1][WAYS[0]].rms_mm)
@@ -329,7 +350,7 @@ def _positions_mm(poses: Poses, of: str) -> FloatArray:
     return poses.positions * FACTOR[poses.unit]
 
 
-def _ways(robot: Poses, board: Poses, remedies: Remedies) -> list[_Way]:
+def _ways(robot: Poses, board: Poses, called: Callable[[int], str], remedies: Remedies) -> list[_Way]:
     """The ways to read the rotations in which the turns agree, as stated if they do."""
     for poses, of in ((robot, "robot"), (board, "board")):
         if not poses.forms or (poses.form is not None and poses.form not in poses.forms):
@@ -353,6 +374,11 @@ def _ways(robot: Poses, board: Poses, remedies: Remedies) -> list[_Way]:
         alone, missing = ("image", "pose") if shift > 0 else ("pose", "image")
         ends = f"the first {alone} has" if abs(shift) == 1 else f"the first {abs(shift)} {alone}s have"
         raise InputError(problem, hint=f"pair each pose with its own image: {ends} no {missing}")
+    if (k := parted(way.test)) is not None:
+        problem += f"; those up to {called(k - 1)} agree with each other, and those from {called(k)}"
+        hint = f"the camera or the board moved in between, or the tool changed: {remedies.apart}"
+        contradict(InputError(problem, hint=hint))
+        return [way]
     contradict(InputError(problem, hint=remedies.paired))
     return [way]
 
@@ -433,8 +459,7 @@ def _refuse_misfit(
     if left < min(rms / BETTER, NO_FIT * spread):
         contradict(InputError(f"{misses}; {words}", hint=hint))
     elif not rms <= NO_FIT * spread:
-        hint = "is the board fixed, and the tool of the robot's poses always the same?"
-        contradict(InputError(f"{misses}, though the turns agree", hint=hint))
+        contradict(InputError(f"{misses}, though the turns agree", hint=IS_FIXED))
 
 
 def _check_turning(A: FloatArray, eye_in_hand: bool) -> None:

@@ -7,19 +7,20 @@ shows another base or flange (`truearm.identification.terms.constants` calls the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.arm import Chain
+from truearm.arm import Arm, Chain
 from truearm.arm.rigid_motions import cross_matrix, inverse, motion, xyz_rpy_from_frame
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.findings import Finding, format_mm
+from truearm.identification.judgement.description_check import explain_readings
 from truearm.models import IdentifiedModel
 from truearm.readings import Session
 from truearm.typing import FloatArray
@@ -27,7 +28,7 @@ from truearm.verbs.fit import FitResult
 from truearm.verbs.record import Record, TextTable, format_fixed, number_of
 from truearm.wings.camera import TransformFormat
 from truearm.wings.camera.closed_form import HandEyeAlone
-from truearm.wings.camera.interpretation import Interpretation
+from truearm.wings.camera.interpretation import IS_FIXED, MEASURE, PAIRED, Interpretation
 
 # Standard uncertainties of a difference quotient.
 STEP = 1e-3
@@ -98,6 +99,37 @@ class Transform:
             "u_position_mm": np.sqrt(np.diag(self.covariance)[:3]),
             "u_rotation_deg": np.degrees(np.sqrt(np.diag(self.covariance)[3:])),
         }
+
+
+def explained(error: InputError, arm: Arm, angles: FloatArray, seen: FloatArray, *, in_hand: bool) -> InputError:
+    """What robot and camera contradict each other by, with what is wrong of arm or joints, if that is it, as a remedy.
+
+    By the positions of the boards in the camera, or of a camera on the flange in the boards (n, 4, 4).
+    """
+    moved, hint = inverse(seen) if in_hand else seen, error.hint or ""
+    if not hint.startswith((PAIRED, IS_FIXED, MEASURE)):
+        return error
+    remedy = explain_readings(arm, Session(angles, moved[:, :3, 3]))
+    if remedy is None or (hint.startswith(MEASURE) and "the arm is" not in remedy):  # a size has units of its own
+        return error
+    return error.with_hint(f"{remedy.partition('; `truearm arms`')[0]})")
+
+
+def of_cell(findings: Iterable[Finding], standing: str, carried: str, apart: str | None = None) -> Iterator[Finding]:
+    """Findings of a fit with what stands, camera or board, and what the flange carries in place of reference and tip.
+
+    A focal length that changes moves all boards along the axis of the camera, as a camera does that moves. `apart` is
+    what to do about a change in place of what a session file needs.
+    """
+    names = {"base or the reference": f"base or the {standing}", "tip": f"{carried} on the flange"}
+    for one in findings:
+        said = one.sentence
+        if one.what == "change":
+            for here, there in names.items():
+                said = said.replace(f"he {here}", f"he {there}{' (or its focus)' * ('camera' in there)}")
+            if apart and (advice := said.find(" Enter one name")) > 0:
+                said = f"{said[:advice]} {apart[0].upper()}{apart[1:]}."
+        yield replace(one, sentence=said)
 
 
 def mounts(chain: Chain, nominal: Chain) -> tuple[FloatArray, FloatArray]:
