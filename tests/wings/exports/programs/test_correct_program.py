@@ -105,6 +105,25 @@ class TestTheTip:
         poses[:, :3, :3] = Rotation.from_euler("ZYX", values[:, 3:6], degrees=True).as_matrix()
         self.check(KR, planned, self.solved(KR, poses, planned))
 
+    @pytest.mark.parametrize("tools", [["tGrip", "tool0"], ["tElsewhere"], []])
+    def test_joints_have_the_same_correction_whatever_tools_they_are_used_with(self, tmp_path, tools):
+        module = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB, 1))
+        home = "CONST jointtarget jHome:=[[10,20,15,0,60,0],[9E9,9E9,9E9,9E9,9E9,9E9]];"
+
+        def joints(tools):
+            moves = "".join(f"    MoveAbsJ jHome,v100,fine,{tool};\n" for tool in tools)
+            text = module.replace("  PROC main()\n", f"  {home}\n  PROC main()\n{moves}")
+            changes = corrected(fitted(IRB), written(tmp_path, text)).changes
+            return next(one.joints for one in changes if one.target.name == "jHome")
+
+        np.testing.assert_allclose(joints(tools), joints(["tGrip"]), rtol=0, atol=1e-9)  # rad: both are solved for
+
+    def test_joints_of_krl_that_are_used_with_several_tools_are_corrected(self, tmp_path):
+        axes = "{A1 10,A2 -80,A3 100,A4 20,A5 40,A6 -30}"
+        lines = ["DECL E6AXIS HOME", f"HOME={axes}", "BAS(#TOOL,0)", "PTP HOME", "BAS(#TOOL,3)", "PTP HOME"]
+        found = corrected(fitted(KR), written(tmp_path, "\n".join(["DEF made( )", *lines, "END", ""]), "made.src"))
+        assert [one.target.name for one in found.changes] == ["HOME"]
+
 
 class TestBytes:
     @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])

@@ -566,15 +566,15 @@ class _File(NamedTargets):
         if taught is not None and not stated - {(None, None)}:
             stated = {taught}
         stated = stated or {(None, None)}
-        if len(stated) > 1:
-            return "it is used with several tools or bases: one target cannot have two corrections"
-        tool, base = stated.pop()
         if any(name in numbers for name in _JOINTS):
             if not set(_JOINTS) <= set(numbers):
                 return "some of A1 to A6 are missing: those keep the last value"
             joints = np.radians([numbers[axis].value for axis in _JOINTS])
-            frame = self._frame(b"TOOL", tool)[0]
+            frame = self._frame(b"TOOL", stated.pop()[0])[0] if len(stated) == 1 else None
             return made(_only(numbers, _JOINTS), joints=joints, T_flange_tool=frame)
+        if len(stated) > 1:
+            return "it is used with several tools or bases: one target cannot have two corrections"
+        tool, base = stated.pop()
         if not set(_POSE) <= set(numbers):
             return "some of X, Y, Z, A, B, C are missing: those keep the last value"
         conditions: tuple[Condition, ...] = ()

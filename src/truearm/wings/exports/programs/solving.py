@@ -398,13 +398,18 @@ class Solver:
         return T
 
     def _by_tool(self, targets: Sequence[Target], reasons: Sequence[str]) -> Iterator[tuple[list[int], Compensator]]:
-        """Targets by their tools, each with the model that has it; without one, with the tip of the readings."""
+        """Targets by their tools, each with the model that has it; without any, with the tip of the readings.
+
+        Joints without a tool of their own, or with several, have one of the program: their correction is that of all.
+        """
+        tools = [target.T_flange_tool for target in targets]
+        some = next((tool for tool in tools if tool is not None), None)
         groups: defaultdict[bytes, list[int]] = defaultdict(list)
-        for row, target in enumerate(targets):
+        for row, tool in enumerate(tools):
             if not reasons[row]:
-                groups[b"" if target.T_flange_tool is None else target.T_flange_tool.tobytes()].append(row)
+                groups[b"" if tool is None else tool.tobytes()].append(row)
         for rows in groups.values():
-            tool = targets[rows[0]].T_flange_tool
+            tool = some if tools[rows[0]] is None else tools[rows[0]]
             if tool is None:
                 yield rows, self.model
             else:
