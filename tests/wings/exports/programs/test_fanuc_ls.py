@@ -146,7 +146,10 @@ BLOCKS = {
     "another tool": (block(1).replace("UT : 3", "UT : 7"), "state [tools.7]"),
     "another frame": (block(1).replace("UF : 1", "UF : 9"), "state [works.9]"),
     "another group": (block(1).replace("GP1:", "GP2:"), "no position of group 1"),
-    "sliding": ("P[1]{\r\n   GP1:\r\n\tUF : 0, UT : 3,\r\n\tJ1=   100.000  mm\r\n};", "not that of this arm"),
+    "sliding": (
+        "P[1]{\r\n   GP1:\r\n\tUF : 0, UT : 3,\r\n\tJ1=   100.000  mm\r\n};",
+        "of this arm as plain numbers, got J1 [mm]",
+    ),
 }
 
 
@@ -214,3 +217,8 @@ def test_whole_numbers_take_the_decimals_of_the_controller():
     values = {f"j{i}": number.value + 0.0123 for i, number in enumerate(target.numbers.values(), 1)}
     new = {name: float(value) for name, value in new_numbers(LANGUAGE, target, values).items()}
     assert new == pytest.approx(values, abs=0.5e-3)  # rounding of three decimals
+
+
+def test_called_programs_are_said_and_remarks_are_none():
+    text = fanuc_program([block(1)], ["J P[1] 100% FINE", "CALL SUB1(1)", "!CALL REMARK", "IF R[1]=2,CALL GRIP"])
+    assert "The programs that it calls are not corrected with it: SUB1, GRIP." in read(text).notes

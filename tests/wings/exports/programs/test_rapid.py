@@ -360,3 +360,11 @@ def test_a_target_in_which_something_is_wrong_counts_as_one(value, reason, count
     (left,) = (one for one in program.left if one.name == "p1")
     assert reason in left.reason
     assert left.is_literal == counts
+
+
+@pytest.mark.parametrize("call", ["Pick p1;", "IF TRUE THEN\nPick 5,P1;\nENDIF"])
+def test_a_corrected_target_that_is_passed_on_is_said(call):
+    body = f"CONST robtarget p1:={POSE};\nPROC main()\nMoveL p1,v1,fine,tGrip\\WObj:=wTable;\n{call}\nENDPROC"
+    said = "p1 is passed to Pick in line "
+    assert any(note.startswith(said) for note in read(module(body)).notes)
+    assert not any(said in note for note in read(module(body.replace("wTable", "wNew"))).notes)  # not corrected

@@ -187,3 +187,9 @@ def test_axes_that_may_carry_the_arm_count_wherever_they_stand(postype, other, i
         program = read(yaskawa_job(points, ["MOVL C00000 V=1.0"]))
         assert len(program.targets) == (not is_left)
         assert ("track" in reasons(program).get("C00000", "")) == is_left
+
+
+def test_called_jobs_are_said():
+    moves = ["MOVJ C00000 VJ=10.00", "CALL JOB:SUB-1 IF B000=1", "'CALL JOB:REMARK", "CALL JOB:SUB-1"]
+    program = read(yaskawa_job([*IN_PULSES, yaskawa_pulses("C00000", Q)], moves))
+    assert "The programs that it calls are not corrected with it: SUB-1." in program.notes

@@ -34,6 +34,7 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
+    called_note,
     line_end_of,
 )
 from truearm.wings.exports.targets.program_literals import fanuc_joints
@@ -175,7 +176,8 @@ class FanucListing(Language):
             else:
                 targets[number] = made
         moves = ((Move(line, _KINDS.get(kind, "circular"), None), n) for line, kind, n in uses.motions)
-        notes = (*uses.notes(set(targets)), *([_ROUNDED] if targets else ()))
+        called = called_note(text[: parts["POS"].start()], r"^[ \t]*\d+:(?!\s*(?:!|--|//)).*\b(?:CALL|RUN)[ \t]+(\w+)")
+        notes = (*uses.notes(set(targets)), *called, *([_ROUNDED] if targets else ()))
         return Program.of(data, targets, sorted(left), moves, notes)
 
     def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:
@@ -288,7 +290,8 @@ def _target(text: str, line: int, block: _Block, beside: Surroundings) -> Target
         joints = np.where(slides, stated, np.radians(stated))
         return _Point(block.name, line, numbers, joints=joints, T_flange_tool=tool, external=external, slides=slides)
     if tuple(names) != _POSE or units != ["mm"] * 3 + ["deg"] * 3:
-        return f"its position is {', '.join(names).upper()}, not that of this arm"
+        shown = ", ".join(f"{name.upper()} [{unit or '?'}]" for name, unit in zip(names, units, strict=True))
+        return f"expected joints or X [mm] .. R [deg] of this arm as plain numbers, got {shown}"
     config = _CONFIG.fullmatch(head[3] or "")
     is_scara = len(slides) == _SCARA and _CONFIG_OF_SCARA.fullmatch(head[3] or "") is not None
     if not is_scara and (config is None or config[3] == "B" or len(slides) == _SCARA):

@@ -460,11 +460,22 @@ class NamedTargets:
         return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
 
 
+def called_note(text: str, pattern: str) -> Iterator[str]:
+    """A note on the programs that a program calls; `pattern` has their names in its group."""
+    names = list(dict.fromkeys(re.findall(pattern, text, re.MULTILINE)))
+    if names:
+        yield f"The programs that it calls are not corrected with it: {_some(names)}."
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:_NAMED]) + (" and others" if len(names) > _NAMED else "")
+
+
 def _unreached_note(names: Iterable[str]) -> Iterator[str]:
     """A note on corrected targets that no move of the file goes to."""
     all_names = list(dict.fromkeys(names))
     if all_names:
-        shown = ", ".join(all_names[:_NAMED]) + (" and others" if len(all_names) > _NAMED else "")
+        shown = _some(all_names)
         yield f"No move of this file goes to {shown}: make sure that none is a limit, a tolerance or a difference."
 
 

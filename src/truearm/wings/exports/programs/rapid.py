@@ -77,6 +77,9 @@ _STILL = frozenset(
     b"setdo set reset setgo setao pulsedo waittime waitdi waitdo waituntil confl confj singarea accset velset gripload "
     b"tpwrite tperase incr decr add clear const pers var local".split()
 )
+# Words after which a statement begins, and those that begin none that is a call.
+_BEGINS = frozenset(b") then do else endif endfor endwhile endtest".split())
+_NO_CALL = _STILL | _BEGINS | frozenset(b"module proc func trap endproc if elseif for while test case return".split())
 # Moves after which the arm stands at their target; a search, for one, ends elsewhere.
 _PLAIN = (b"movej", b"moveabsj", b"movel", b"movec")
 _ZONES = (b"wzhomejointdef", b"wzlimjointdef")
@@ -194,6 +197,7 @@ class _Module(NamedTargets):
         self.uses: defaultdict[bytes, _Uses] = defaultdict(dict)
         self.follows = False
         self.shifted = ""
+        self.passed: dict[bytes, int] = {}
         self.external: list[list[float]] = []
         self.units: dict[bytes, tuple[str, FloatArray]] = {}
         self.resolved: dict[tuple[str, bytes], _Frame] = {}
@@ -204,9 +208,16 @@ class _Module(NamedTargets):
         at = 0
         while at < len(self.tokens):
             at = self._statement(at)
-        named = (
+        named = [
             NamedTarget(one.name.encode("latin-1").lower(), one.name, one.line, self._target(one), bool(one.uses))
             for one in self.found
+        ]
+        corrected = {one.key: one.name for one in named if isinstance(one.made, Target) and one.is_reached}
+        self.notes += (
+            f"{corrected[name]} is passed to {_text(self.tokens[at].text)} in line {self._line(at)}: it has the "
+            "correction of its own moves."
+            for name, at in self.passed.items()
+            if name in corrected
         )
         return self.of(named, self.external)
 
@@ -268,6 +279,11 @@ class _Module(NamedTargets):
                 f"{token.text.decode('latin-1')} in line {self._line(at)} shifts targets while the program runs: the "
                 "corrections are those of the places without it."
             )
+        if (is_first or self.tokens[at - 1].word in _BEGINS) and token.word not in {*_NO_CALL, *_ZONES}:
+            rest = map(self.tokens.__getitem__, range(at, len(self.tokens)))
+            for before, one in pairwise(takewhile(lambda one: one.text != b";", rest)):
+                if one.kind == "name" and (before is token or before.text == b","):
+                    self.passed.setdefault(one.word, at)
         if self.declared.get(token.word) in _SHAPES and (begins := self._assigned(at)):
             return self._assignment(at, begins)
         return at + 1

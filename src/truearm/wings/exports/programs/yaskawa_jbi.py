@@ -30,6 +30,7 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
+    called_note,
     line_end_of,
 )
 
@@ -201,6 +202,7 @@ class _Reader:
             notes.append("pulses stay whole, each those of one axis: coupled wrist axes are not converted")
         if any(not key.startswith("C ") for key in targets):
             notes.append("variables P are common to all jobs: another job may rewrite them")
+        notes += called_note(self.data.decode("latin-1"), r"^[ \t]*(?:CALL|PSTART)\b.*\bJOB:([\w-]+)")
         moves = ((Move(line, kind, None), key) for line, kind, key in self.moves)
         return Program.of(self.data, targets, sorted(self.left), moves, notes)
 
