@@ -11,9 +11,10 @@ from made_up_listings import joints_of as joints_of_ur
 from made_up_programs import TOOL, WORK, in_work, krl_files, krl_frame, krl_turn, quaternion, rapid_module
 
 import truearm as ta
+from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.exports.programs import subdivision
-from truearm.wings.exports.programs.correct_program import correct_program
+from truearm.wings.exports.programs.correct_program import correct_program, is_program
 from truearm.wings.exports.programs.program import Move
 from truearm.wings.exports.programs.solving import PathEnds
 from truearm.wings.exports.programs.urscript import pose_numbers
@@ -269,6 +270,23 @@ class TestRefusals:
         with pytest.raises(InputError, match="none of 'irb2600-12-165'"):
             corrected(fitted(IRB), written(tmp_path, text))
 
+    @pytest.mark.parametrize(("factor", "unit"), [(25.4, "inches"), (1000.0, "m")])
+    def test_a_program_that_is_within_reach_in_another_unit_is_refused_with_it(self, tmp_path, factor, unit):
+        for name, text in krl_files(ta.load_arm(KR).chain, joints_of(KR), name="made").items():
+            if name == "made.dat":
+                lengths = re.compile(r"(?<=[XYZ] )[-\d.]+")
+                text = lengths.sub(lambda found: f"{float(found[0]) / factor:.6f}", text)
+            written(tmp_path, text, name)
+        error = refuses("targets are none of 'kr16'", corrected, fitted(KR), tmp_path / "made.dat")
+        assert f"all are if their lengths are in {unit};" in error.hint
+
+    def test_some_targets_out_of_reach_are_no_other_unit(self, tmp_path):
+        chain, planned = ta.load_arm(IRB).chain, joints_of(IRB, 6)
+        lines = rapid_module(chain, planned).splitlines()
+        far = [re.sub(r"\[\[[^,]*", "[[4000", line) if re.search(r" p[12]:=", line) else line for line in lines]
+        found = corrected(fitted(IRB), written(tmp_path, "\n".join(far)))
+        assert [one.name for one in found.refused] == ["p1", "p2"]
+
     def test_a_single_target_out_of_reach_stays_as_it_is(self, tmp_path):
         text = re.sub(r"(p3:=\[\[)[^,]*", r"\g<1>9000.0", rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)))
         found = corrected(fitted(IRB), written(tmp_path, text))
@@ -313,6 +331,11 @@ class TestRefusals:
     def test_another_number_of_joints_is_refused(self, tmp_path):
         with pytest.raises(InputError, match="arms of 6 turning joints"):
             corrected(fitted("panda"), written(tmp_path, joints_module(joints_of(IRB))))
+
+    def test_a_program_in_utf_16_is_one_and_is_refused_with_its_encoding(self, tmp_path):
+        file = written(tmp_path, joints_module(joints_of(IRB, 2)).encode("utf-16"))
+        assert is_program(file)
+        assert "UTF-16" in refuses("no known language", corrected, fitted(IRB), file).hint
 
     def test_a_file_of_no_language_is_refused(self, tmp_path):
         with pytest.raises(InputError, match="a program of no known language"):

@@ -7,8 +7,9 @@ controller's arm at those joints gives the new target. Only the numbers of a tar
 from __future__ import annotations
 
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -67,8 +68,13 @@ _UNCHANGED = 1e-9
 # A tool that is shorter, and not the flange itself, was written in metres [mm].
 _NO_FLANGE, _SHORTEST_TOOL = 1e-6, 1.0
 _MARK = re.compile(rb"truearm (command|feedback) ([0-9a-f]{8})")
+# Of lengths: what they are multiplied by, if a program has them in another unit than its language. Where a few targets
+# alone are out of reach, smaller lengths are no explanation: they always reach.
+_OTHER_UNITS = {"inches": 25.4, "m": 1000.0, "mm": 0.001}
 # Most of the targets of a program for this robot are within its reach.
 _MOST = 0.5
+# So many may have another unit.
+_MANY = 0.1
 MEANING = {
     "command": "command: the arm goes where the program says. Do not correct the new program again.",
     "feedback": "feedback: targets taught on the arm, as the nominal arm has them. Do not send them to the controller.",
@@ -134,7 +140,8 @@ def correct_program(
     language = language_of(file)
     if language is None:
         known = f"a program of {', '.join(one.title for one in LANGUAGES)}"
-        hint = UNREADABLE.get(path.suffix.lower(), known)
+        hint = "it is in UTF-16: save it as UTF-8 or ANSI" if _is_utf16(path, file) else known
+        hint = UNREADABLE.get(path.suffix.lower(), hint)
         raise InputError("the file is a program of no known language", file=path, hint=hint)
     Machine.of(fitted.arm_, fitted.arm_.chain, language)
     if maker_of(fitted.arm_.title) not in language.title:  # no maker is in every title
@@ -176,7 +183,14 @@ def language_of(data: bytes) -> Language | None:
 
 def is_program(path: Path) -> bool:
     """Whether a file is a program: of a known language, or one that cannot be read."""
-    return path.suffix.lower() in UNREADABLE or language_of(read_limited(path, limit_bytes=MAX_BYTES)) is not None
+    file = read_limited(path, limit_bytes=MAX_BYTES)
+    return path.suffix.lower() in UNREADABLE or _is_utf16(path, file) or language_of(file) is not None
+
+
+def _is_utf16(path: Path, file: bytes) -> bool:
+    return file.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) and any(
+        path.suffix.lower() in one.endings for one in LANGUAGES
+    )
 
 
 def read_corrected(path: str | Path) -> None:
@@ -237,7 +251,7 @@ class _Correction:
         """Correct all targets, and write the new program."""
         solver, program = self.solver, self.program
         nominal, reasons = solver.nominal(program.targets, start, program.moves)
-        self._check_robot(nominal, reasons)
+        self._check_robot(nominal, reasons, start)
         corrected, shifts = solver.corrected(program.targets, nominal, reasons)
         changes, refused = self._changes(nominal, corrected, shifts, reasons)
         self._check_reversed(refused)
@@ -305,19 +319,30 @@ class _Correction:
                 f"{worst[1]}); a target between them reduces that."
             )
 
-    def _check_robot(self, nominal: FloatArray, reasons: Sequence[str]) -> None:
-        """Refuse the program of another robot."""
+    def _check_robot(self, nominal: FloatArray, reasons: Sequence[str], start: FloatArray | None) -> None:
+        """Refuse the program of another robot, or one whose lengths have another unit, in which it has all targets."""
         arm = self.solver.model.arm_
-        low, high = arm.limits.T
-        beyond = ((nominal < low) | (nominal > high)).any(axis=1).tolist()
-        bad = [row for row, reason in enumerate(reasons) if ROBOT in reason or beyond[row]]
-        if len(bad) > _MOST * len(reasons):
+        bad = self._of_others(nominal, reasons)
+        is_other, other_unit = len(bad) > _MOST * len(reasons), ""
+        for unit, factor in _OTHER_UNITS.items() if len(bad) > max(1, _MANY * len(reasons)) else ():
+            scaled = [_scaled(target, factor) for target in self.program.targets]
+            if (is_other or factor > 1) and not self._of_others(
+                *self.solver.nominal(scaled, start, self.program.moves)
+            ):
+                other_unit = f"all are if their lengths are in {unit}; otherwise "
+        if is_other or other_unit:
             target, why = self.program.targets[bad[0]], reasons[bad[0]] or "a joint is beyond its limits"
             raise InputError(
                 f"{len(bad)} of {len(reasons)} targets are none of {arm.name!r}, the first {target.name}: {why}",
                 line=target.line,
-                hint="give the model of the robot that runs this program, and its frames",
+                hint=f"{other_unit}give the model of the robot that runs this program, and its frames",
             )
+
+    def _of_others(self, nominal: FloatArray, reasons: Sequence[str]) -> list[int]:
+        """Targets that are none of this robot, by their numbers."""
+        low, high = self.solver.model.arm_.limits.T
+        beyond = ((nominal < low) | (nominal > high)).any(axis=1).tolist()
+        return [row for row, reason in enumerate(reasons) if ROBOT in reason or beyond[row]]
 
     def _changes(
         self, nominal: FloatArray, corrected: FloatArray, shifts: FloatArray, reasons: Sequence[str]
@@ -384,6 +409,15 @@ class _Correction:
         if self.is_first:
             words = f"truearm {self.solver.direction} {model_file_fingerprint(self.solver.model)[:8]}"
             yield language.mark(self.program, words)
+
+
+def _scaled(target: Target, factor: float) -> Target:
+    """A target with all lengths of its pose multiplied."""
+    if target.pose is None:
+        return target
+    pose = target.pose.copy()
+    pose[:3, 3] *= factor
+    return replace(target, pose=pose)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
