@@ -68,9 +68,9 @@ _UNCHANGED = 1e-9
 # A tool that is shorter, and not the flange itself, was written in metres [mm].
 _NO_FLANGE, _SHORTEST_TOOL = 1e-6, 1.0
 _MARK = re.compile(rb"truearm (command|feedback) ([0-9a-f]{8})")
-# Of lengths: what they are multiplied by, if a program has them in another unit than its language. Where a few targets
-# alone are out of reach, smaller lengths are no explanation: they always reach.
-_OTHER_UNITS = {"inches": 25.4, "m": 1000.0, "mm": 0.001}
+# What lengths are multiplied by, if a program has them in another unit than its language. Smaller ones than stated are
+# no explanation: near the origin of a work frame all is within reach.
+_OTHER_UNITS = {"inches": 25.4, "m": 1000.0}
 # Most of the targets of a program for this robot are within its reach.
 _MOST = 0.5
 # So many may have another unit.
@@ -326,9 +326,7 @@ class _Correction:
         is_other, other_unit = len(bad) > _MOST * len(reasons), ""
         for unit, factor in _OTHER_UNITS.items() if len(bad) > max(1, _MANY * len(reasons)) else ():
             scaled = [_scaled(target, factor) for target in self.program.targets]
-            if (is_other or factor > 1) and not self._of_others(
-                *self.solver.nominal(scaled, start, self.program.moves)
-            ):
+            if not self._of_others(*self.solver.nominal(scaled, start, self.program.moves)):
                 other_unit = f"all are if their lengths are in {unit}; otherwise "
         if is_other or other_unit:
             target, why = self.program.targets[bad[0]], reasons[bad[0]] or "a joint is beyond its limits"
