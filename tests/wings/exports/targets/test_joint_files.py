@@ -1,6 +1,7 @@
 """Joints in files of other programs: found, corrected in place and nothing else, refused where they are not clear."""
 
 import json
+import re
 
 import numpy as np
 import pyarrow as pa
@@ -125,6 +126,14 @@ def test_a_model_that_is_the_nominal_arm_changes_no_number(unchanged, tmp_path, 
     ta.correct(unchanged, tmp_path / name, angle_unit=unit, untrained="accept").save(out)
     lines = out.read_bytes().decode().splitlines(keepends=True)
     assert "".join(line for line in lines if "truearm command" not in line) == made()
+
+
+def test_joints_that_are_known_by_numbers_alone_are_said(model, tmp_path):
+    (tmp_path / "t.yaml").write_text(trajectory())
+    assert "by the numbers" not in str(ta.correct(model, tmp_path / "t.yaml", untrained="accept"))
+    (tmp_path / "t.yaml").write_text(re.sub(r"J(\d)", r"arm_a\1", trajectory()))
+    said = "Joints, by the numbers in their names: arm_a1, arm_a2, arm_a3, arm_a4, arm_a5."
+    assert said in str(ta.correct(model, tmp_path / "t.yaml", untrained="accept"))
 
 
 def test_a_dataset_of_lerobot_keeps_its_columns_types_and_metadata(model, tmp_path):

@@ -22,6 +22,7 @@ from truearm.wings.exports.targets.joint_files.joint_file import (
     Span,
     check_not_corrected,
     edited,
+    known_names,
     marked,
     places_of,
     turning_scale,
@@ -114,6 +115,7 @@ def read_trajectory(content: bytes, arm: Arm, direction: TargetDirection) -> Joi
     rows: list[list[float]] = []
     lines: list[str] = []
     spans: list[list[Span]] = []
+    remarks: list[str] = []
     for trajectory in _trajectories(root):
         names = [one.text or "" for one in trajectory["joint_names"].items or ()]
         places = places_of(names, arm)
@@ -125,6 +127,9 @@ def read_trajectory(content: bytes, arm: Arm, direction: TargetDirection) -> Joi
                 line=trajectory["joint_names"].line,
                 hint="give the model's arm the names of the driver: name = .. of each joint in its arm file",
             )
+        taken = [names[i] for i in places]
+        if not any(set(known) <= set(names) for known in known_names(arm)):
+            remarks.append(f"Joints, by the numbers in their names: {', '.join(taken)}.")
         for point in trajectory["points"].items or ():
             positions = (point.entries or {}).get("positions", point)
             found = positions.items or []
@@ -141,7 +146,7 @@ def read_trajectory(content: bytes, arm: Arm, direction: TargetDirection) -> Joi
         made = edited(text, spans, values, after, scale.gain) + whole[len(text) :]
         return mark + marked(made, words, "# {}").encode()
 
-    return JointFile(TRAJECTORIES_TITLE, values, scale, written, lines)
+    return JointFile(TRAJECTORIES_TITLE, values, scale, written, lines, tuple(dict.fromkeys(remarks)))
 
 
 def _is_utf8(content: bytes) -> bool:
