@@ -134,7 +134,7 @@ def _correct_program(
     print_record(corrected, as_json=as_json, files={"program": out if corrected.changes else None})
     if diff and corrected.changes and not as_json:
         print_line(str(corrected.difference()))
-    raise typer.Exit(0 if corrected.is_complete else 1 if corrected.changes else 3)
+    raise typer.Exit(3 if not corrected.changes else 0 if corrected.is_complete else 1)
 
 
 def _tool_of(option: str | None) -> list[float] | None:

@@ -719,6 +719,13 @@ class TestCommand:
         ran = truearm("correct", model, written(tmp_path, text, "made.src"), "--out", tmp_path / "new.src")
         assert "not corrected: line 3, LIN: " in ran.out
 
+    def test_a_program_without_numbers_of_its_own_is_not_corrected(self, tmp_path, model, truearm):
+        file = written(tmp_path, "MODULE Made\nPROC main()\nMoveL pFar,v1,fine,tGrip;\nENDPROC\nENDMODULE\n")
+        ran = truearm("correct", model, file, "--out", tmp_path / "new.mod")
+        assert ran.code == 3
+        assert "None of 0 targets corrected" in ran.out
+        assert not (tmp_path / "new.mod").exists()
+
     def test_nothing_is_written_where_nothing_is_corrected(self, tmp_path, model, truearm):
         text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB)).replace(",tGrip\\", ",tOther\\")
         ran = truearm("correct", model, written(tmp_path, text), "--out", tmp_path / "new.mod", "--diff")

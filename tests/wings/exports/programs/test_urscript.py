@@ -167,6 +167,11 @@ def test_a_truncated_program_is_refused(end):
 
 def test_a_program_that_sends_scripts_is_none():
     assert not LANGUAGE.recognises(b"import socket\ns.send(b'movej([0,0,0,0,0,0])')\n")
+    assert not LANGUAGE.recognises(b"<p>\nmovej([0,0,0,0,0,0])\n</p>\n")
+
+
+def test_a_program_that_compares_numbers_is_one():
+    assert LANGUAGE.recognises(b"def a():\n  while i<n:\n    movej([0,0,0,0,0,0])\n  end\nend\n")
 
 
 numbers = st.lists(st.floats(-3, 3), min_size=6, max_size=6)

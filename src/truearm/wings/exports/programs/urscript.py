@@ -432,7 +432,7 @@ class URScript(Language):
     def recognises(self, data: bytes) -> bool:
         """See `Language`."""
         text = hidden(data.decode("latin-1"))
-        return not re.search(r"^\s*(?:import|from)\s|<\w+", text, re.MULTILINE) and bool(
+        return not re.search(r"^\s*(?:import\s|from\s|<)", text, re.MULTILINE) and bool(
             _CALL.search(text) or re.search(r"=\s*p\[", text)
         )
 
