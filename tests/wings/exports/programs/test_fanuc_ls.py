@@ -219,6 +219,12 @@ def test_whole_numbers_take_the_decimals_of_the_controller():
     assert new == pytest.approx(values, abs=0.5e-3)  # rounding of three decimals
 
 
+def test_frames_that_the_program_sets_are_said():
+    moves = ["UFRAME[1]=PR[9]", "!UTOOL[2]=PR[1]", "UTOOL[GP1:3]=PR[1]", "PR[9]=UFRAME[4]", "J P[1] 100% FINE"]
+    (note,) = (one for one in read(fanuc_program([block(1)], moves)).notes if "while it runs" in one)
+    assert note.startswith("The program sets UFRAME[1], UTOOL[GP1:3] while it runs")
+
+
 def test_called_programs_are_said_and_remarks_are_none():
     text = fanuc_program([block(1)], ["J P[1] 100% FINE", "CALL SUB1(1)", "!CALL REMARK", "IF R[1]=2,CALL GRIP"])
     assert "The programs that it calls are not corrected with it: SUB1, GRIP." in read(text).notes

@@ -193,3 +193,9 @@ def test_called_jobs_are_said():
     moves = ["MOVJ C00000 VJ=10.00", "CALL JOB:SUB-1 IF B000=1", "'CALL JOB:REMARK", "CALL JOB:SUB-1"]
     program = read(yaskawa_job([*IN_PULSES, yaskawa_pulses("C00000", Q)], moves))
     assert "The programs that it calls are not corrected with it: SUB-1." in program.notes
+
+
+def test_frames_that_the_job_sets_are_said():
+    moves = ["SETTOOL TL#(3) P010", "MFRAME UF#(1) PX001 PX002 PX003", "MOVJ C00000 VJ=10.00"]
+    program = read(yaskawa_job([*IN_PULSES, yaskawa_pulses("C00000", Q)], moves))
+    assert any(note.startswith("The program sets TL#(3), UF#(1) while it runs") for note in program.notes)

@@ -34,8 +34,8 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
-    called_note,
     line_end_of,
+    run_time_notes,
 )
 from truearm.wings.exports.targets.program_literals import fanuc_joints
 
@@ -55,6 +55,8 @@ _USE = re.compile(r"(?<![\w$])P\[\s*(?:GP\d+\s*:\s*)?(?:(\d+)[^\]\n]*|[A-Za-z]+\
 _NAME = re.compile(r":[^\]\n]*\]")  # of a register or a point, within its brackets
 _SHIFT = re.compile(r"(?<!\w)(?:PR|VR)\[[^\]\n]*\](?![ \t]*=)|\b(?:VOFFSET|Offset|Tool_Offset)\b")
 _AT_RUN_TIME = {"INC": "an increment", "INK": "an increment", "COORD": "of a motion coordinated with another group"}
+_CALLED = r"^[ \t]*\d+:(?!\s*(?:!|--|//)).*\b(?:CALL|RUN)[ \t]+(\w+)"
+_SETS = r"^[ \t]*\d+:\s*(U(?:TOOL|FRAME)\[[^\]\n]*\])\s*="
 _POSE = ("x", "y", "z", "w", "p", "r")
 _TURNS = (1, 4, 6)
 _FIELD = 10
@@ -176,8 +178,8 @@ class FanucListing(Language):
             else:
                 targets[number] = made
         moves = ((Move(line, _KINDS.get(kind, "circular"), None), n) for line, kind, n in uses.motions)
-        called = called_note(text[: parts["POS"].start()], r"^[ \t]*\d+:(?!\s*(?:!|--|//)).*\b(?:CALL|RUN)[ \t]+(\w+)")
-        notes = (*uses.notes(set(targets)), *called, *([_ROUNDED] if targets else ()))
+        run_time = run_time_notes(text[: parts["POS"].start()], _CALLED, _SETS)
+        notes = (*uses.notes(set(targets)), *run_time, *([_ROUNDED] if targets else ()))
         return Program.of(data, targets, sorted(left), moves, notes)
 
     def values(self, target: Target, joints: FloatArray, pose: FloatArray | None) -> Mapping[str, float]:

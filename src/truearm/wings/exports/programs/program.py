@@ -460,11 +460,18 @@ class NamedTargets:
         return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
 
 
-def called_note(text: str, pattern: str) -> Iterator[str]:
-    """A note on the programs that a program calls; `pattern` has their names in its group."""
-    names = list(dict.fromkeys(re.findall(pattern, text, re.MULTILINE)))
-    if names:
-        yield f"The programs that it calls are not corrected with it: {_some(names)}."
+def run_time_notes(text: str, called: str, frames: str) -> Iterator[str]:
+    """Notes on the programs that a program calls, and on tools and work frames that it sets.
+
+    Both patterns have the names in their group.
+    """
+    for pattern, said in (
+        (called, "The programs that it calls are not corrected with it: {}."),
+        (frames, "The program sets {} while it runs: the corrections are those with the frames of --frames."),
+    ):
+        names = list(dict.fromkeys(re.findall(pattern, text, re.MULTILINE)))
+        if names:
+            yield said.format(_some(names))
 
 
 def _some(names: Sequence[str]) -> str:

@@ -30,10 +30,12 @@ from truearm.wings.exports.programs.program import (
     Program,
     Surroundings,
     Target,
-    called_note,
     line_end_of,
+    run_time_notes,
 )
 
+_CALLED = r"^[ \t]*(?:CALL|PSTART)\b.*\bJOB:([\w-]+)"
+_SETS = r"^[ \t]*(?:SETTOOL|MFRAME|SETUFRM)[ \t]+((?:TL|UF)#\(\w+\))"
 _LINE = re.compile(r"[^\r\n]+")
 _STATE = re.compile(r"///\s*([A-Z]+)\s*(.*)")
 _POINT = re.compile(r"\s*(BC|EC|BP|EX|LBP|LEX|LP|C|P)(\d+)\s*=\s*")
@@ -202,7 +204,7 @@ class _Reader:
             notes.append("pulses stay whole, each those of one axis: coupled wrist axes are not converted")
         if any(not key.startswith("C ") for key in targets):
             notes.append("variables P are common to all jobs: another job may rewrite them")
-        notes += called_note(self.data.decode("latin-1"), r"^[ \t]*(?:CALL|PSTART)\b.*\bJOB:([\w-]+)")
+        notes += run_time_notes(self.data.decode("latin-1"), _CALLED, _SETS)
         moves = ((Move(line, kind, None), key) for line, kind, key in self.moves)
         return Program.of(self.data, targets, sorted(self.left), moves, notes)
 
