@@ -31,6 +31,10 @@ def test_a_chessboard_counts_inner_corners_from_the_first_one():
     np.testing.assert_array_equal(board.points[[0, 8, 9]], [[0, 0, 0], [200, 0, 0], [0, 25, 0]])
 
 
+def test_a_length_may_have_all_digits_of_a_calculation():
+    assert parse_board("chessboard:9x6,24.999999999999996mm").side_mm == pytest.approx(25.0)  # mm
+
+
 def test_only_a_chessboard_of_like_parity_looks_the_same_half_turned():
     assert chessboard(8, 6, 25.0).has_two_readings
     assert not chessboard(9, 6, 25.0).has_two_readings

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import truearm as ta
 from truearm.arm.rigid_motions import motion
-from truearm.errors import InputError
+from truearm.errors import Contradiction, InputError
 from truearm.identification.references.reading_references import poses_of
 from truearm.verbs.record import TextTable
 from truearm.wings.camera.boards import Board, parse_board
@@ -223,6 +223,35 @@ def test_stated_intrinsics_are_kept_or_contradicted():
     assert abs(free.lenses[0].fx - of.fx) < 4 * free.u_intrinsics[0]
     doubted = fit_images("ur5", session, pixels, board=cell.board, camera=wrong, u_camera_px=5.0, model="kinematic")
     assert any("contradict the stated camera" in str(one) for one in doubted.findings)
+
+
+def test_a_camera_of_another_lens_is_refused_as_far_as_it_is_stated():
+    """Known to 2 px, of half the focal length; kept, without its distortion of some 2 px in the corners."""
+    cell, session, pixels = measured(False)
+    half = replace(cell.lens, fx=cell.lens.fx / 2, fy=cell.lens.fy / 2)
+    plain = replace(cell.lens, coefficients=np.zeros(5))
+    for lens, u_px, said in ((half, 2.0, "% of the focal length"), (plain, 0.0, "px with another distortion")):
+        with pytest.raises(Contradiction, match=f"contradict the stated camera: .*{said}"):
+            fit_images("ur5", session, pixels, board=cell.board, camera=lens, u_camera_px=u_px, model="kinematic")
+
+
+def test_a_focal_length_that_changes_from_image_to_image_is_said():
+    """By 0.3 %, as an autofocus does; it moves a board by 1 to 3 mm along the axis of the camera."""
+    cell, session, pixels = measured(False)
+    off = 1 + 0.003 * np.random.default_rng(3).standard_normal(N)
+    centre = np.array([cell.lens.cx, cell.lens.cy])
+    moved = centre + off[pixels.reading - 1, None] * (pixels.pixels - centre)
+    found = fit_images("ur5", session, replace(pixels, pixels=moved), board=cell.board, model="kinematic")
+    assert "Switch the autofocus off." in " ".join(map(str, found.findings))
+    assert not any("autofocus" in str(one) for one in (*fitted(False).findings, *fitted(True).findings))
+
+
+def test_a_board_that_makes_all_lengths_of_the_arm_wrong_is_said_as_its_size():
+    cell, session, pixels = measured(False)
+    stated = replace(cell.board, points=cell.board.points / 1.03)
+    with pytest.raises(InputError, match=r"the board is 1.03\d* times its stated size, or the arm is another") as error:
+        fit_images("ur5", session, pixels, board=stated, model="kinematic")
+    assert (error.value.hint or "").startswith("measure the squares of the board, and state their side in --board")
 
 
 def test_a_board_that_is_printed_too_large_is_found():

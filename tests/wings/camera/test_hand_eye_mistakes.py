@@ -308,3 +308,45 @@ def test_joints_of_another_sign_are_named():
     with pytest.raises(Contradiction, match="turn differently") as error:
         ta.hand_eye(cell.seen, joints, arm=cell.arm)
     assert error.value.hint.startswith("put this right: sign of J3 reversed (")
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1e-3, "mm from the camera, as if m were taken"), (1e3, "as if mm were taken for m")]
+)
+def test_one_wrong_unit_of_both_sides_is_refused(factor, said):
+    cell = cell_of()
+    seen, flange = cell.seen.copy(), cell.flange.copy()
+    for one in (seen, flange):
+        one[:, :3, 3] *= factor
+    with pytest.raises(Contradiction, match=said):
+        ta.hand_eye(seen, flange)
+
+
+@BOTH
+def test_a_left_handed_frame_of_the_robot_is_named(eye_in_hand):
+    cell, mirror = cell_of(eye_in_hand), np.diag([1.0, -1.0, 1.0, 1.0])
+    with pytest.raises(Contradiction, match="if one axis of the robot's poses is mirrored"):
+        ta.hand_eye(cell.seen, mirror @ cell.flange @ mirror, eye_in_hand=eye_in_hand)
+
+
+def test_a_tool_of_the_controller_that_changed_is_no_other_size_of_the_board():
+    cell = make_cell(7, 40, errors=(5e-4, 0.3), noise=(0.05, 0.3))
+    flange = cell.flange.copy()
+    flange[22:] = flange[22:] @ motion(np.eye(3), np.array([0, 0, 120.0]))
+    found = said(ta.hand_eye(cell.seen, flange))
+    assert "The board (or the controller's tool) moved between image 22 and image 23, by 1" in found
+
+
+@pytest.mark.parametrize("joints", [False, True])
+def test_three_images_are_too_few(joints):
+    with pytest.raises(InputError, match="expected 4 images or more, got 3"):
+        make_cell(1, 3).hand_eye(joints=joints)
+
+
+def test_a_board_that_makes_all_lengths_of_the_arm_wrong_is_said_as_its_size():
+    cell = cell_of()
+    seen = cell.seen.copy()
+    seen[:, :3, 3] /= 1.03
+    with pytest.raises(InputError, match=r"the board is 1.03\d* times the size that its poses have") as error:
+        cell.with_seen(seen).hand_eye(joints=True)
+    assert "--board-size 1.03" in error.value.hint

@@ -29,7 +29,7 @@ PRINTED_U_SCALE = 0.002
 MOST_ALONG = 100
 MOST_CORNERS = 20_000
 _MM = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-_LENGTH = re.compile(r"(\d{1,7}(?:\.\d{0,9})?|\.\d{1,9})\s*([a-z]*)", re.ASCII)
+_LENGTH = re.compile(r"(\d{1,7}(?:\.\d{0,20})?|\.\d{1,20})\s*([a-z]*)", re.ASCII)
 _GRID = re.compile(r"(\d{1,3})\s*x\s*(\d{1,3})")
 _DICTIONARY = re.compile(r"(?:dict_)?((?:4x4|5x5|6x6|7x7)_(?:50|100|250|1000)|apriltag_(?:16h5|25h9|36h10|36h11))")
 # Markers of OpenCV's predefined dictionaries of 4 x 4 cells: the smallest that has enough is the default.

@@ -47,20 +47,26 @@ from truearm.wings.camera.mounts import (
     CameraAndBoard,
     Transform,
     explained,
+    of_boards,
     of_cell,
     where_it_is_carried,
     where_it_stands,
 )
 from truearm.wings.camera.pose_files import Poses
 
-# Intrinsics that are kept are contradicted, or doubted, from so many standard uncertainties and this share of the focal
-# length on: that is by how much distances from the camera are wrong.
-CONTRADICTED, DOUBTED, LEAST_SHARE = 10.0, 4.0, 0.003
+# Stated intrinsics are contradicted, or doubted, from so many standard uncertainties and this share of the focal length
+# on: that is by how much distances from the camera are wrong. So is a distortion with which corners scatter so many
+# times more than with the one that fits best: by chance a thousand of them do by 1.03.
+CONTRADICTED, DOUBTED, LEAST_SHARE, SCATTERS = 10.0, 4.0, 0.003, 1.25
 # The board's size is said from so many standard uncertainties and this share on.
 SAID_SIZE, LEAST_SIZE = 3.0, 5e-4
 # What two cameras share, or two boards, sits differently before both where the images of each leave so many times more
 # with what the other's say of it than alone, and the identified arm leaves so many times more of all of them.
 LEAST_APART, LEAST_LEFT = 4.0, 2.5
+# The focal length is doubted from so many images on, where distances scatter so many times more than positions across,
+# and than corners explain. Of right images of 16 arms distances scatter by 1.2 times as much at most, where they
+# scatter by so much more.
+LEAST_FOCUSED, ALONG, BEYOND = 12, 1.8, 3.5
 # Corners of the board that are gross errors in this share of the images are the board's, not the images'.
 OFTEN = 0.5
 
@@ -152,7 +158,8 @@ def fit_images(
     def fitted(placed: _Placed) -> tuple[CellPoses, FitResult]:
         settled = placed.poses.settled(placed.arm, ("base", "tip"))
         at = settled.session()
-        return settled, fit(placed.arm, at, model=model, lengths=known_lengths, accept=accept, progress=progress)
+        with of_boards(OF_IMAGES):
+            return settled, fit(placed.arm, at, model=model, lengths=known_lengths, accept=accept, progress=progress)
 
     placed = _Placed.of(known, cell, known)
     try:
@@ -205,8 +212,10 @@ def _fitted(
     for name, scale, board in zip(images.boards, scales, cell.boards.values(), strict=True):
         where[name] = _moved(where[name], -scale * board.points.mean(axis=0))
     cameras, boards = (tuple(where[name] for name in names) for names in (images.cameras, images.boards))
-    of_fit = _of_cell(cell, result.findings)
+    of_fit = [*_of_cell(cell, result.findings)]
     findings = [*cell.findings, *placed.findings, *_size_findings(images, scales, u_scales), *of_fit]
+    if not any(one.what == "change" for one in of_fit):
+        findings += _focus_findings(identified)
     return ImageFit(
         camera=cameras[0],
         board=boards[0],
@@ -293,7 +302,7 @@ def _camera_findings(images: Images, adjusted: Adjustment) -> list[Finding]:
     Raises
     ------
     Contradiction
-        If they do, and the intrinsics are kept.
+        If they do so by far.
     """
     stated = [bool(np.isfinite(u[:4]).all()) for u in images.u_intrinsics]
     if not any(stated):
@@ -303,21 +312,28 @@ def _camera_findings(images: Images, adjusted: Adjustment) -> list[Finding]:
     free = adjust(bare, adjusted.R, adjusted.t)
     several = len(images.cameras) > 1
     findings = []
-    for name, lens, u_stated, own, is_stated in zip(
-        images.cameras, images.lenses, images.u_intrinsics, images.intrinsics, stated, strict=True
+    for k, (name, lens, u_stated, own, is_stated) in enumerate(
+        zip(images.cameras, images.lenses, images.u_intrinsics, images.intrinsics, stated, strict=True)
     ):
         change, u = free.unknowns[own][:4], free.u_unknowns[own][:4]
         worst = int(np.argmax(np.abs(change) / np.hypot(u, u_stated[:4])))
         sure = abs(change[worst]) / np.hypot(u[worst], u_stated[worst])
-        if not is_stated or sure < DOUBTED:
+        less = adjusted.std_px[k] / free.std_px[k]
+        if not is_stated or max(sure / DOUBTED, less / SCATTERS) < 1:
             continue
         value, share = float(lens.intrinsics[worst]), float(change[worst] / lens.fx)
-        said = (
-            f"the images contradict the stated camera{f' {name}' if several else ''}: {lens.names[worst]} is "
-            f"{value + change[worst]:.1f} px (u {u[worst]:.1f}) by them, stated {value:.1f} px ({100 * share:+.2g} % "
-            "of the focal length)"
-        )
-        if not u_stated[worst] and sure > CONTRADICTED and abs(share) > LEAST_SHARE:
+        said = f"the images contradict the stated camera{f' {name}' if several else ''}: "
+        if sure >= DOUBTED:
+            said += (
+                f"{lens.names[worst]} is {value + change[worst]:.1f} px (u {u[worst]:.1f}) by them, stated {value:.1f} "
+                f"px ({100 * share:+.2f} % of the focal length)"
+            )
+        else:
+            said += (
+                f"corners scatter by {adjusted.std_px[k]:.2g} px with it, and by {free.std_px[k]:.2g} px with another "
+                "distortion"
+            )
+        if (sure > CONTRADICTED and abs(share) > LEAST_SHARE) or less > SCATTERS:
             contradict(
                 InputError(said, hint="let truearm find the intrinsics (omit --u-camera), or calibrate the camera")
             )
@@ -333,6 +349,20 @@ def _size_findings(images: Images, scales: FloatArray, u_scales: FloatArray) -> 
             board = f"board {name}" if len(images.boards) > 1 else "the board"
             said = f"By the arm's lengths {board} is {scale:.5f} (u {u:.2g}) times its stated size: measure it."
             yield Finding("hand-eye", said, {"size": scale, "u": u})
+
+
+def _focus_findings(model: IdentifiedModel) -> Iterator[Finding]:
+    """That boards scatter along the axis of the camera, as they do where its focal length changes."""
+    part = next(one for one in model.fit_.references if one.kind == "pose")
+    first, second, along = np.sqrt((part.residuals[:3] ** 2).mean(axis=1))  # by how well the corners show them
+    across, shown = float(np.hypot(first, second) / np.sqrt(2)), float(np.sqrt((part.std[2] ** 2).mean()))
+    if len(part.rows) >= LEAST_FOCUSED and along > max(ALONG * across, BEYOND * shown):
+        said = (
+            f"The arm leaves {format_mm(along)} of the distance of the board from the camera, and {format_mm(across)} "
+            f"across it, where corners show {format_mm(shown)}: did the focal length change between images? Switch the "
+            "autofocus off."
+        )
+        yield Finding("hand-eye", said, {"along_mm": float(along), "across_mm": across})
 
 
 def _begun(who: str, said: str) -> str:

@@ -29,7 +29,7 @@ from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import format_fixed, number_of
 from truearm.wings.camera.closed_form import HandEyeAlone, refined
 from truearm.wings.camera.interpretation import OF_POSES, Interpretation, interpret
-from truearm.wings.camera.mounts import HandEyeByImages, Transform, explained, of_alone, of_cell, of_model
+from truearm.wings.camera.mounts import HandEyeByImages, Transform, explained, of_alone, of_boards, of_cell, of_model
 from truearm.wings.camera.pose_files import Poses, Samples, Unit, checked_form, read_samples
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def hand_eye(
     said += _ignored(found, alone, seen.called)
     fitted, seen_from = None, None
     if moved.joints is None:
-        said += _moved_between(found, alone, seen.called)
+        said += _moved_between(found, alone, in_hand, seen.called)
         camera, mounted = _without_arm(alone, in_hand, said)
     else:
         assert known_arm is not None
@@ -166,7 +166,8 @@ def hand_eye(
             model = "nominal"
             said.append(f"{len(seen_from)} images are too few to identify the arm: {FEWEST_TO_IDENTIFY} or more do.")
         equipped = _equipped(known_arm, alone.Y, alone.X, centre, in_hand)
-        fitted = fit(equipped, seen_from, model=model, accept=accept, progress=progress)
+        with of_boards(OF_POSES):
+            fitted = fit(equipped, seen_from, model=model, accept=accept, progress=progress)
         identified = require_identified(fitted.model, "hand-eye needs an identified arm", hint="--model kinematic")
         camera, mounted = of_model(identified, eye_in_hand=in_hand, centre=centre)
     standing, carried = ("board", "camera") if in_hand else ("camera", "board")
@@ -201,14 +202,18 @@ def _ignored(found: Interpretation, alone: HandEyeAlone, called: Callable[[int],
         yield f"Ignored, as their positions are gross errors: {number_of(len(out), 'image')} ({listed})."
 
 
-def _moved_between(found: Interpretation, alone: HandEyeAlone, called: Callable[[int], str]) -> Iterator[str]:
+def _moved_between(
+    found: Interpretation, alone: HandEyeAlone, in_hand: bool, called: Callable[[int], str]
+) -> Iterator[str]:
     """Where the camera or the board moved between two images, beside an arm whose errors stay as they are."""
     rows, A, C = found.rows[alone.rows], found.A[alone.rows], found.C[alone.rows]
     seen = alone.X @ A @ alone.Y
     poses = np.concatenate([A[:, :3, 3], Rotation.from_matrix(A[:, :3, :3]).as_rotvec()], axis=1)
     away = seen[:, :3, 3] - seen[:, :3, 3].mean(axis=0)
     by_camera = np.concatenate([-cross_matrix(away), np.tile(np.eye(3), (len(seen), 1, 1))], axis=2)
-    motions = {"camera (or its focus)": by_camera, "board": alone.X[:3, :3] @ A[:, :3, :3]}
+    camera, board = "camera (its focus, or the controller's tool)", "board (or the controller's tool)"
+    camera, board = (camera, "board") if in_hand else ("camera (or its focus)", board)
+    motions = {camera: by_camera, board: alone.X[:3, :3] @ A[:, :3, :3]}
     weights = np.full((len(seen), 3), alone.position_std**-2)
     for one in session_changes(poses, motions, seen[:, :3, 3] - C[:, :3, 3], weights, np.arange(len(seen))):
         before, after = called(int(rows[one.row - 1])), called(int(rows[one.row]))

@@ -158,7 +158,12 @@ MISFIT, NO_FIT, BETTER = 0.1, 0.5, 4.0
 # Another size of the board is refused, or said, from these shares and standard deviations on.
 REFUSED_SIZE, SAID_SIZE = (0.05, 5.0), (0.003, 3.0)
 SAID_DEPTH = (0.01, 4.0)
-WAYS = ("as stated", "inverted", "board transposed", "robot transposed")
+# Distances of a board from a camera [mm]: of nearer and farther ones the unit is wrong.
+NEAREST_MM, FARTHEST_MM = 5.0, 5e4
+LEAST_IMAGES = 4
+# Standard uncertainty of the size of an arm as it is drawn [1].
+LENGTHS = 0.001
+WAYS = ("as stated", "inverted", "board transposed", "robot transposed", "mirrored")
 TRANSPOSED = "the rotations of the {} are transposed (columns were read as rows)"
 
 
@@ -172,8 +177,8 @@ class Remedies:
         Where robot and camera turn differently.
     removed : str
         Where some images contradict the others.
-    inverted : bool
-        Whether poses may be inverted; ``--invert`` says so then.
+    of_others : bool
+        Whether others computed the poses: they may be inverted, and no fit finds the size of the board.
     mounts : (str, str)
         Where the camera is on the flange instead, and where it stands.
     size_of : str
@@ -187,7 +192,7 @@ class Remedies:
     paired: str
     removed: str
     apart: str
-    inverted: bool
+    of_others: bool
     mounts: tuple[str, str]
     size_of: str
     sized: str
@@ -198,10 +203,10 @@ MEASURE = "measure the squares of the board"
 IS_FIXED = "is the board fixed, and the tool of the robot's poses always the same?"
 # Poses that others computed, and poses by corners in images.
 OF_POSES = Remedies(
-    paired=PAIRED,
+    paired=f"{PAIRED}, and that the poses are by intrinsics of these images",
     removed="remove these rows",
     apart="give the images before and after it apart",
-    inverted=True,
+    of_others=True,
     mounts=("--eye-in-hand", "--no-eye-in-hand"),
     size_of="the size that its poses have",
     sized=f"{MEASURE}; --board-size {{size}} corrects the poses",
@@ -210,7 +215,7 @@ OF_IMAGES = Remedies(
     paired=f"{PAIRED}, and that it is this arm",
     removed="remove the rows of these images from the table of pixels",
     apart="fit the images before and after it apart",
-    inverted=False,
+    of_others=False,
     mounts=("--eye-in-hand", "omit --eye-in-hand, or the camera's --on-flange"),
     size_of="its stated size",
     sized=f"{MEASURE}, and state their side in --board; or it is another arm",
@@ -274,7 +279,8 @@ class _Way:
         """A and C."""
         R_robot = self.robot.inv() if way == "robot transposed" else self.robot
         R_board = self.board.inv() if way == "board transposed" else self.board
-        F = motion(R_robot.as_matrix(), robot_mm)
+        # A mirror of all axes turns every rotation into itself; those of one axis are that and half a turn.
+        F = motion(R_robot.as_matrix(), -robot_mm if way == "mirrored" else robot_mm)
         return inverse(F) if eye_in_hand != (way == "inverted") else F, motion(R_board.as_matrix(), board_mm)
 
 
@@ -311,6 +317,8 @@ def interpret(
         size.
     """
     robot_mm, board_mm = _positions_mm(robot, "robot"), board_size * _positions_mm(board, "board")
+    if (n := len(board_mm)) < LEAST_IMAGES:
+        raise InputError(f"expected {LEAST_IMAGES} images or more, got {n}", hint="25 or more, well turned")
     ways = _ways(robot, board, called, remedies)
     _check_turning(ways[0].motions(robot_mm, board_mm, eye_in_hand)[0][ways[0].test.agree], eye_in_hand)
     found = [(way, dict(way.fits(robot_mm, board_mm, eye_in_hand))) for way in ways]
@@ -338,7 +346,11 @@ def interpret(
     sentences += _wrong(way, board_mm, called, remedies)
     agree, start = way.test.agree, fits[WAYS[0]]
     A, C = (one[agree] for one in way.motions(robot_mm, board_mm, eye_in_hand))
-    sentences += [*_size(start, remedies), *_view(C)]
+    sentences += [*_size(start, spread, remedies), *_view(C)]
+    if not NEAREST_MM < (away := float(np.median(np.linalg.norm(board_mm, axis=1)))) < FARTHEST_MM:
+        taken = "m were taken for mm" if away < NEAREST_MM else "mm were taken for m"
+        said = f"the board is {away:.3g} mm from the camera, as if {taken}"
+        contradict(InputError(said, hint="check the unit of these positions, and of the robot's"))
     start = closed_form(A, C, sized=False)
     return Interpretation(np.flatnonzero(agree), A, C, way.test, start, tuple(sentences))
 
@@ -448,13 +460,15 @@ def _refuse_misfit(
     best = {way: min(fits[way].rms_mm for fits in found) for way in WAYS[1:]}
     left = best["inverted"]
     words, hint = f"with the camera {elsewhere} it is {left:.3g} mm", remedies.mounts[eye_in_hand]
-    if remedies.inverted:
+    if remedies.of_others:
         words += f". If the camera is {where}, the poses of robot or board are inverted"
         hint += ", or --invert board (or robot)"
     named = [(left, words, hint)]
     for of in ("board", "robot"):
         left = best[f"{of} transposed"]
         named.append((left, f"it is {left:.3g} mm if {TRANSPOSED.format(of)}", "transpose the matrices"))
+    mirrored = best["mirrored"]
+    named.append((mirrored, f"it is {mirrored:.3g} mm if one axis of the robot's poses is mirrored", "turn its sign"))
     left, words, hint = min([*named, *others])
     if left < min(rms / BETTER, NO_FIT * spread):
         contradict(InputError(f"{misses}; {words}", hint=hint))
@@ -476,17 +490,21 @@ def _check_turning(A: FloatArray, eye_in_hand: bool) -> None:
         )
 
 
-def _size(start: ClosedForm, remedies: Remedies) -> list[str]:
-    """What the positions say of the board's size and of the focal length."""
+def _size(start: ClosedForm, spread: float, remedies: Remedies) -> list[str]:
+    """What positions say of the board's size and of the focal length; a fit of images finds both itself."""
     off, std = abs(start.size - 1), max(start.size_std, 1e-12)
-    sentences = []
+    if start.rms_mm > MISFIT * spread:
+        return []
     u = f"{start.size:.4g} (u {start.size_std:.1g})"
-    if off > REFUSED_SIZE[0] and off > REFUSED_SIZE[1] * std:
+    if is_refused := off > REFUSED_SIZE[0] and off > REFUSED_SIZE[1] * std:
         factor = next((one for one in (1e3, 1e-3) if abs(start.size / one - 1) < 0.2), None)
         unit = "" if factor is None else ": mm taken for m, or m for mm"
         hint = remedies.sized.format(size=f"{factor or start.size:.4g}")
         contradict(InputError(f"the board is {u} times {remedies.size_of}{unit}", hint=hint))
-    elif off > SAID_SIZE[0] and off > SAID_SIZE[1] * std:
+    if not remedies.of_others:
+        return []
+    sentences = []
+    if not is_refused and off > SAID_SIZE[0] and off > SAID_SIZE[1] * float(np.hypot(std, LENGTHS)):
         sentences.append(
             f"The arm's lengths say that the board is {u} times as large as its poses have it: measure its squares."
         )

@@ -7,7 +7,9 @@ shows another base or flange (`truearm.identification.terms.constants` calls the
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +30,7 @@ from truearm.verbs.fit import FitResult
 from truearm.verbs.record import Record, TextTable, format_fixed, number_of
 from truearm.wings.camera import TransformFormat
 from truearm.wings.camera.closed_form import HandEyeAlone
-from truearm.wings.camera.interpretation import IS_FIXED, MEASURE, PAIRED, Interpretation
+from truearm.wings.camera.interpretation import IS_FIXED, MEASURE, PAIRED, Interpretation, Remedies
 
 # Standard uncertainties of a difference quotient.
 STEP = 1e-3
@@ -113,6 +115,25 @@ def explained(error: InputError, arm: Arm, angles: FloatArray, seen: FloatArray,
     if remedy is None or (hint.startswith(MEASURE) and "the arm is" not in remedy):  # a size has units of its own
         return error
     return error.with_hint(f"{remedy.partition('; `truearm arms`')[0]})")
+
+
+@contextmanager
+def of_boards(remedies: Remedies) -> Iterator[None]:
+    """Where a fit finds that all lengths of the arm are wrong alike, that is the size of the boards."""
+    try:
+        yield
+    except InputError as error:
+        larger = _AS_DRAWN.search(error.hint or "")
+        if larger is None:
+            raise
+        size = f"{1 / float(larger[1]):.4g}"
+        of_arm = error.problem.partition(": no arm is made so")[0]
+        problem = f"the board is {size} times {remedies.size_of}, or the arm is another one: {of_arm}"
+        hint = f"{remedies.sized.format(size=size)}; the focus must be fixed, and not change with the distance"
+        raise type(error)(problem, file=error.file, hint=hint) from None
+
+
+_AS_DRAWN = re.compile(r"divided by ([\d.]+) it fits the drawing")
 
 
 def of_cell(findings: Iterable[Finding], standing: str, carried: str, apart: str | None = None) -> Iterator[Finding]:
@@ -373,7 +394,8 @@ class CameraAndBoard(Record):
             [(one.child, one.parent, *(format_fixed(q, 6) for q in one.quaternion_xyzw)) for one in self.transforms],
             left_aligned=(0, 1),
         )
-        yield f"The turns of robot and camera agree to {self.turn_deg:.2g} deg."
+        if np.isfinite(self.turn_deg):
+            yield f"The turns of robot and camera agree to {self.turn_deg:.2g} deg."
 
     def details(self) -> Iterator[str | TextTable]:
         """See `Record.details`."""
