@@ -25,7 +25,14 @@ from truearm.verbs.outputs import check_output as check_file
 from truearm.verbs.predict import check_table_path
 from truearm.verbs.record import TableRecord, format_fixed, listed
 from truearm.wings.exports.targets import TargetDirection
-from truearm.wings.exports.targets.correction import JOINTS_OF_A_POSE, Correction, Untrained, correct_targets, turns_of
+from truearm.wings.exports.targets.correction import (
+    JOINTS_OF_A_POSE,
+    Correction,
+    Untrained,
+    correct_targets,
+    input_remarks,
+    turns_of,
+)
 from truearm.wings.exports.targets.joint_files import read_corrected, read_joint_file
 from truearm.wings.exports.targets.joint_files.joint_file import JointFile
 from truearm.wings.exports.targets.manifest import Frame, Manifest, TargetsManifest, check_joints, read_manifest
@@ -460,6 +467,9 @@ class CorrectedTargets(TableRecord):
         """What a person must know of these targets."""
         yield from self.model.doubts()
         yield from self._doubt_about_numbers()
+        if (good := ~self.refused).any():
+            readings = self.targets.session(np.where(good[:, None], self.joints, self.targets.joints))
+            yield from input_remarks(self.equipped, readings.rows(good), "in a column of that name")
         of_file = self.targets.joint_file
         yield from of_file.findings(self.joints) if of_file else ()
         n_joints = self.model.arm_.n_joints

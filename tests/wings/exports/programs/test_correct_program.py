@@ -5,6 +5,7 @@ import re
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from made_up_listings import fitted, polyscope_script
 from made_up_listings import joints_of as joints_of_ur
@@ -13,6 +14,11 @@ from made_up_programs import TOOL, WORK, in_work, krl_files, krl_frame, krl_turn
 import truearm as ta
 from refusals import refuses
 from truearm.errors import InputError
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
+from truearm.identification.terms import ArmState, Term
+from truearm.identification.terms.basis import PayloadTorque
+from truearm.models import PhysicalModel
+from truearm.readings import Session
 from truearm.wings.exports.programs import subdivision
 from truearm.wings.exports.programs.correct_program import correct_program, is_program
 from truearm.wings.exports.programs.program import Move
@@ -340,6 +346,35 @@ class TestRefusals:
     def test_a_file_of_no_language_is_refused(self, tmp_path):
         with pytest.raises(InputError, match="a program of no known language"):
             corrected(fitted(IRB), written(tmp_path, "G0 X1 Y2\n"))
+
+
+class TestPayload:
+    """An arm whose joints give way under a payload, 0 or 5 kg in training: up to some tenths of a millimetre."""
+
+    @pytest.fixture
+    def sagging(self):
+        arm, angles = ta.load_arm(IRB), joints_of(IRB, 120, seed=4)
+        state = ArmState.of(arm, angles, columns={"payload_kg": np.resize([0.0, 5.0], len(angles))})
+        own_axis = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        terms = tuple(Term(f"J{j}", j, own_axis, PayloadTorque(j, 2), "planted", 1e-5) for j in (2, 3))
+        tips = PerturbedChain(arm.chain, terms).tips(state, np.array([8e-6, 8e-6]))  # [rad/(N m)]
+        noise = np.random.default_rng(5).normal(0, 0.01, tips.shape)
+        return PhysicalModel(arm, highest=1).fit_readings(Session(angles, tips + noise, columns=dict(state.columns)))
+
+    def test_it_is_assumed_and_said_or_stated_with_the_frames(self, tmp_path, sagging):
+        file, planned = written(tmp_path, joints_module(joints_of(IRB, 4))), joints_of(IRB, 4)
+        table = pd.DataFrame(np.degrees(planned), columns=[f"q{i}_deg" for i in range(1, 7)])
+        said = "Taken at the training mean, as the targets do not state it: payload_kg (0."
+        assert said in str(corrected(sagging, file))
+        assert said in str(ta.correct(sagging, table, untrained="accept"))
+        of_table = ta.correct(sagging, table.assign(payload_kg=5.0), untrained="accept")
+        of_program = corrected(sagging, file, frames=written(tmp_path, "payload_kg = 5.0\n", "frames.toml"))
+        for one in (of_table, of_program):
+            assert said not in str(one)
+        there = np.array([change.joints for change in of_program.changes])
+        np.testing.assert_allclose(
+            there, of_table.joints, rtol=0, atol=2e-6
+        )  # rad: the module has four decimals of deg
 
 
 class TestMoves:

@@ -52,6 +52,7 @@ from truearm.wings.exports.programs.subdivision import check_subdivision, divide
 from truearm.wings.exports.programs.urscript import URScript
 from truearm.wings.exports.programs.yaskawa_jbi import YaskawaJob
 from truearm.wings.exports.targets import TargetDirection, Untrained
+from truearm.wings.exports.targets.correction import input_remarks
 from truearm.wings.exports.targets.manifest import MARKER
 
 LANGUAGES: tuple[Language, ...] = (Rapid(), Krl(), FanucListing(), YaskawaJob(), PolyScope(), URScript())
@@ -170,7 +171,7 @@ def correct_program(
             )
         if read.controller is not None:
             fitted = with_controller(fitted, read.controller)
-        solver = Solver(fitted, language, read.controller, direction, untrained, stated.rail)
+        solver = Solver(fitted, language, read.controller, direction, untrained, stated)
         near = None if start is None else _start_of(start, solver.machine.n_axes)
         return _Correction(solver, read, is_first=not before).result(path, file, near, subdivide_mm)
 
@@ -257,6 +258,10 @@ class _Correction:
         self._check_reversed(refused)
         edits = [edit for change in changes for edit in change.edits]
         notes = [*self._short_tools(), *self._bend(nominal, corrected)]
+        good = np.array([not reason for reason in reasons], dtype=bool)
+        if good.any():
+            readings = solver.targets_of(corrected[good])
+            notes += input_remarks(solver.model, readings.session(readings.joints), "in the file of --frames")
         if edits and spacing_mm is not None:
             rows = {id(target): row for row, target in enumerate(program.targets)}
             texts = {rows[id(change.target)]: change.numbers for change in changes}

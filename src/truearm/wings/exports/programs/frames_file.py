@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm.rigid_motions import screw_z
 from truearm.errors import InputError
-from truearm.files.toml_documents import Document, Name, Real
+from truearm.files.toml_documents import Document, Name, NotNegative, Real
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.numbers import NOT_THERE, Number, rotation_of, rotation_of_quaternion
 
@@ -115,6 +115,8 @@ class FramesFile(Document):
         ``"nominal"``.
     pulses_per_deg : tuple of float, optional
         Of a Yaskawa controller, with their signs, S to T.
+    payload_kg, temperature_degC : float, optional
+        Inputs of the model at all targets, as in a session file.
     """
 
     tools: Frames = Field(default_factory=dict)
@@ -127,6 +129,8 @@ class FramesFile(Document):
     work: Name | None = None
     controller: Name | None = None
     pulses_per_deg: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)] | None = None
+    payload_kg: NotNegative | None = None
+    temperature_degC: Real | None = None
 
     def tool_of(self, name: str | None) -> FloatArray | None:
         """(4, 4) tool in the flange, or None where it is not stated; the case of names does not count."""

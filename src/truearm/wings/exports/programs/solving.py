@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from math import inf
@@ -27,6 +27,7 @@ from truearm.wings.exports.programs.branches import (
     polished,
     quantities_of,
 )
+from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.numbers import angles_of
 from truearm.wings.exports.programs.program import NOT_THERE, Condition, Language, Move, MoveKind, Target
 from truearm.wings.exports.targets import TargetDirection, Untrained
@@ -273,8 +274,8 @@ class Solver:
         Kinematics of the controller, if they are not those of the drawing.
     direction : {"command", "feedback"}
     untrained : {"refuse", "accept"}
-    rail : int
-        External axis that is the rail under the robot, from 1, if the model has one.
+    stated : FramesFile
+        The rail under the robot, if the model has one, and inputs of the model.
     """
 
     model: Compensator
@@ -282,7 +283,7 @@ class Solver:
     controller: Chain | None
     direction: TargetDirection
     untrained: Untrained
-    rail: int = 1
+    stated: FramesFile = field(default_factory=FramesFile)
 
     @cached_property
     def machine(self) -> Machine:
@@ -350,7 +351,7 @@ class Solver:
         if self.machine.has_rail:
             for row in rows:
                 if np.isnan(self._rail(targets[row])):
-                    reasons[row] = f"its external axis {self.rail}, the rail under the robot, is not stated"
+                    reasons[row] = f"its external axis {self.stated.rail}, the rail under the robot, is not stated"
             rows = [row for row in rows if not reasons[row]]
         plain = [row for row in rows if targets[row].joints is not None]
         if plain:
@@ -365,7 +366,7 @@ class Solver:
 
     def _rail(self, target: Target) -> float:
         """Where the rail is at a target [mm]; NaN if that is not stated."""
-        value = target.external[self.rail - 1].value if len(target.external) >= self.rail else np.nan
+        value = target.external[self.stated.rail - 1].value if len(target.external) >= self.stated.rail else np.nan
         return value if abs(value) < NOT_THERE else np.nan
 
     def _rails(self, targets: Sequence[Target], rows: Sequence[int]) -> FloatArray:
@@ -377,11 +378,10 @@ class Solver:
         """Corrected joints (n, 6), and how far the tip moves (n,) [mm]; writes the reasons of what is refused."""
         corrected, shifts = np.full_like(nominal, np.nan), np.zeros(len(nominal))
         for rows, equipped in self._by_tool(targets, reasons):
-            wanted, direction = Targets.of_joints(nominal[rows]), self.direction
             found = correct_targets(
                 equipped,
-                wanted,
-                direction=direction,
+                self.targets_of(nominal[rows]),
+                direction=self.direction,
                 untrained=self.untrained,
                 uncertainty=False,
                 locked=self.machine.locked,
@@ -390,6 +390,12 @@ class Solver:
             for row, reason in zip(rows, found.reasons, strict=True):
                 reasons[row] = reason
         return corrected, shifts
+
+    def targets_of(self, joints: FloatArray) -> Targets:
+        """Joint targets (n, n_joints) with the inputs of the model that are stated."""
+        inputs = {"payload_kg": self.stated.payload_kg, "temperature_degC": self.stated.temperature_degC}
+        columns = {name: np.full(len(joints), value) for name, value in inputs.items() if value is not None}
+        return replace(Targets.of_joints(joints), temperature_degC=columns.pop("temperature_degC", None), loads=columns)
 
     def flange(self, joints: FloatArray) -> FloatArray:
         """(n, 4, 4) flange in the base of the arm."""

@@ -8,6 +8,7 @@ tip were identified from the same readings.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -16,10 +17,12 @@ import numpy as np
 
 from truearm.arm import InverseKinematicsResult, Pose
 from truearm.errors import InputError
+from truearm.findings import format_mm
 from truearm.models import Compensator
 from truearm.models.training_conditions import TOGETHER
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
+from truearm.verbs.inputs import payload_findings
 from truearm.wings.exports.targets import TargetDirection
 from truearm.wings.exports.targets import Untrained as Untrained
 from truearm.wings.exports.targets.inverse import (
@@ -45,6 +48,8 @@ MAX_CORRECTION = 0.1
 MAX_TURN_OFF = np.radians(0.5)
 # Training poses that show the usual change.
 _USUAL_POSES = 100
+# What an input that is not stated adds to the uncertainty of a coordinate counts from here on: a robot repeats to that.
+_COUNTS_MM = 0.02
 # Steps of a correction: three are usual; targets that need more are beyond the reach.
 CORRECTION_STEPS = 10
 # From this condition on a stretched arm and a singular wrist look alike: a step no longer tells what is missing.
@@ -158,6 +163,21 @@ def correct_targets(
     )
     solved = solve(model, targets)
     return _judged(model, targets, solved, direction=direction, untrained=untrained, uncertainty=uncertainty)
+
+
+def input_remarks(model: Compensator, readings: Session, how: str) -> Iterator[str]:
+    """What is assumed of inputs of the model that targets do not state, if it counts, and `how` they are stated."""
+    yield from map(str, payload_findings(model.training_, readings))
+    some = readings.rows(np.arange(len(readings))[:: -(-len(readings) // _USUAL_POSES)])
+    sizes = {
+        name: float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean() / 3))
+        for name, covariance in model.unstated_input_covariances(some).items()
+        if name == "temperature" or name in model.training_.columns
+    }
+    names = {"temperature": "temperature_degC"}
+    large = [f"{names.get(one, one)} ({format_mm(mm)} of uncertainty)" for one, mm in sizes.items() if mm > _COUNTS_MM]
+    if large:
+        yield f"Taken at the training mean, as the targets do not state it: {', '.join(large)}. State it {how}."
 
 
 def task_of(model: Compensator, poses: PoseModel, target: Pose) -> PoseTask:
