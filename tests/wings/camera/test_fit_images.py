@@ -235,6 +235,39 @@ def test_a_camera_of_another_lens_is_refused_as_far_as_it_is_stated():
             fit_images("ur5", session, pixels, board=cell.board, camera=lens, u_camera_px=u_px, model="kinematic")
 
 
+def test_copies_of_images_count_once():
+    """Files that were sent twice: six images four times are six."""
+    cell, session, pixels = measured(False)
+    few = pixels.rows(pixels.reading <= 6)
+    parts = [replace(few, reading=few.reading + 6 * k, image=np.char.add(f"{k} ", few.image)) for k in range(4)]
+    angles = np.tile(session.angles[:6], (4, 1))
+    found = fit_images("ur5", ta.Session(angles), PixelObservations.joined(parts), board=cell.board, model="kinematic")
+    assert found.n_used == 6
+    assert "18 images of 24 are copies of others, with their joints; ignored." in map(str, found.findings)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda of: of.pixels[:, ::-1], "if the images are mirrored"),
+        (lambda of: np.array([1279.0, 0]) + of.pixels * [-1, 1], "if the images are mirrored"),
+    ],
+    ids=["u and v exchanged", "a mirrored image"],
+)
+def test_mirrored_images_are_named(change, said):
+    cell, session, pixels = measured(True)
+    wrong = replace(pixels, pixels=change(pixels), sizes_px={})
+    with pytest.raises(Contradiction, match=said):
+        fit_images("ur5", session, wrong, board=cell.board, eye_in_hand=True, model="kinematic")
+
+
+def test_boards_half_turned_in_every_other_image_are_named():
+    cell, session, pixels = measured(False)
+    turned = replace(pixels, corner=np.where(pixels.reading % 2, 87 - pixels.corner, pixels.corner))
+    with pytest.raises(Contradiction, match="12 images of 24 contradict the others: the board was seen half turned"):
+        fit_images("ur5", session, turned, board=cell.board, model="kinematic")
+
+
 def test_a_focal_length_that_changes_from_image_to_image_is_said():
     """By 0.3 %, as an autofocus does; it moves a board by 1 to 3 mm along the axis of the camera."""
     cell, session, pixels = measured(False)
@@ -383,9 +416,7 @@ def test_a_camera_that_turned_between_two_images_is_refused_by_name():
     cell = measured(False)[0]
     turned = motion(Rotation.from_rotvec(np.radians([0, 8.0, 0])).as_matrix(), np.zeros(3))
     session, pixels = of_both(False, replace(cell, T_world_fixed=cell.T_world_fixed @ turned))
-    with pytest.raises(
-        InputError, match=r"up to .*\(reading 12\) agree with each other, and those from .*\(reading 13"
-    ):
+    with pytest.raises(InputError, match=r"up to .*\(reading 12\) do, and those from .*\(reading 13"):
         fit_images("ur5", session, pixels, board=cell.board, model="kinematic")
 
 

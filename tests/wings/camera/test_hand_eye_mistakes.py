@@ -325,7 +325,7 @@ def test_one_wrong_unit_of_both_sides_is_refused(factor, said):
 @BOTH
 def test_a_left_handed_frame_of_the_robot_is_named(eye_in_hand):
     cell, mirror = cell_of(eye_in_hand), np.diag([1.0, -1.0, 1.0, 1.0])
-    with pytest.raises(Contradiction, match="if one axis of the robot's poses is mirrored"):
+    with pytest.raises(Contradiction, match="if one axis of the robot's poses, or the images, are mirrored"):
         ta.hand_eye(cell.seen, mirror @ cell.flange @ mirror, eye_in_hand=eye_in_hand)
 
 
@@ -350,3 +350,14 @@ def test_a_board_that_makes_all_lengths_of_the_arm_wrong_is_said_as_its_size():
     with pytest.raises(InputError, match=r"the board is 1.03\d* times the size that its poses have") as error:
         cell.with_seen(seen).hand_eye(joints=True)
     assert "--board-size 1.03" in error.value.hint
+
+
+def test_images_of_two_places_of_the_board_in_turn_are_named():
+    cell = cell_of()
+    seen = cell.seen.copy()
+    seen[1::2] = seen[1::2] @ motion(Rotation.from_rotvec([0.3, 0.5, -0.4]).as_matrix(), np.array([90.0, 0, 0]))
+    with pytest.raises(
+        Contradiction, match="12 of 24 images agree with each other, and so do the others: image"
+    ) as error:
+        cell.with_seen(seen).hand_eye()
+    assert error.value.hint.startswith("are there two boards, or two places of one?")

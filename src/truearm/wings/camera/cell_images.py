@@ -266,7 +266,8 @@ def _images(
     names = list(boards) if len(boards) > 1 else ["board"]
     if both := {*cameras} & {*names}:
         raise InputError(f"{min(both)!r} is the name of a camera and of a board", file=seen.file, column="board")
-    shows, findings = _enough(pixels, camera, board, cameras, names, seen, least)
+    copied = _copies(pixels, readings.angles[reading - 1], camera)
+    shows, findings = _enough(pixels, copied, camera, board, cameras, names, seen, least)
     points = tuple(one.points - one.points.mean(axis=0) for one in boards.values())
     index = _index_of_readings(reading[shows] - 1, len(readings))
     rows = np.flatnonzero(np.isin(index, reading[shows] - 1))
@@ -303,6 +304,13 @@ def _images(
     )
 
 
+def _copies(pixels: FloatArray, angles: FloatArray, camera: IntArray) -> BoolArray:
+    """Images (m,) with every digit of an earlier one, at its joints: of one file twice, which tells nothing new."""
+    keys = [(seen.tobytes(), at.tobytes(), by) for seen, at, by in zip(pixels, angles, camera.tolist(), strict=True)]
+    first = {key: place for place, key in reversed([*enumerate(keys)])}
+    return np.array([first[key] < place for place, key in enumerate(keys)])
+
+
 def _index_of_readings(of_images: IntArray, n: int) -> IntArray:
     """Readings, each as often as it has images, and once without one."""
     return np.repeat(np.arange(n), np.maximum(np.bincount(of_images, minlength=n), 1))
@@ -310,6 +318,7 @@ def _index_of_readings(of_images: IntArray, n: int) -> IntArray:
 
 def _enough(
     pixels: FloatArray,
+    copied: BoolArray,
     camera: IntArray,
     board: IntArray,
     cameras: list[str],
@@ -323,6 +332,10 @@ def _enough(
     if n := int((~shows).sum()):
         said = f"{number_of(n, 'image')} of {len(shows)} show fewer than {LEAST_CORNERS} corners of the board; ignored."
         findings.append(Finding("hand-eye", said, {"n": n}))
+    if n := int((shows & copied).sum()):
+        said = f"{number_of(n, 'image')} of {len(shows)} are copies of others, with their joints; ignored."
+        findings.append(Finding("hand-eye", said, {"n": n}))
+    shows &= ~copied
     several = len(cameras) > 1 or len(boards) > 1
     for a, b in np.unique(np.stack([camera, board], axis=1), axis=0).tolist():
         own = (camera == a) & (board == b)

@@ -352,7 +352,7 @@ def _other_places(poses: CellPoses, predicted: FloatArray, seen: FloatArray, ins
         left, name, where, mm, deg = min(found)
         if LEAST_LESS * left < before:
             said = (
-                f"The {name} {where} {format_mm(mm)} and {deg:.2g} deg from its place in the fit: with that "
+                f"The {name} {where} {format_mm(mm)} and {deg:.3g} deg from its place in the fit: with that "
                 f"{format_mm(left)} remain of {format_mm(before)}. Put it back, or fit images from there."
             )
             yield Finding("hand-eye", said, {"moved_mm": mm, "turned_deg": deg})

@@ -408,7 +408,10 @@ class Detector:
         if float(np.ptp(np.percentile(image, [1, 99]))) < 20:
             return "no board found; the image is too dark or too bright to show one"
         if board.kind == "chessboard":
-            return f"no board found: {board.across} x {board.down} inner corners must all be in the image"
+            return (
+                f"no board found: {board.across} x {board.down} inner corners must all be in the image (a board of as "
+                f"many squares has {board.across - 1} x {board.down - 1})"
+            )
         return "no board found: its markers are too small or not sharp, or not in the image"
 
     @property

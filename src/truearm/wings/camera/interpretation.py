@@ -137,20 +137,16 @@ def shifted(robot: Rotation, camera: Rotation, *, most: int = 3) -> int | None:
     return None
 
 
-def parted(test: TurnTest) -> int | None:
-    """The first row after a step before and after which images agree, and not with those of the other side."""
-    n, fits = len(test.agree), test.off_deg < test.tolerance_deg
-    inside = {
-        k: min(fits[:k, :k].mean(), fits[k:, k:].mean())
-        for k in range(LEAST_SIDE, n - LEAST_SIDE + 1)
-        if 2 * fits[:k, k:].mean() < AGREES
-    }
-    best = max(inside, key=lambda k: inside[k], default=0)
-    return best if best and inside[best] > AGREES else None
+def others_agree(way: _Way) -> IntArray | None:
+    """The images that do not agree with most, if they agree with each other: something moved, or of two boards."""
+    others = np.flatnonzero(~way.test.agree)
+    if len(others) < LEAST_GROUP or not (test := TurnTest.of(way.robot[others], way.board[others])).passes:
+        return None
+    return others if test.share >= AGREES else None
 
 
-# Images on each side of a step, at least.
-LEAST_SIDE = 5
+# Images of a group that agrees in itself, at least.
+LEAST_GROUP = 5
 # Images at which many forms are compared.
 COMPARED = 100
 # The rest of the positions over their spread above which they do not fit, and by how much another way must be better.
@@ -187,11 +183,14 @@ class Remedies:
         Where the board has another size, with ``{size}``.
     apart : str
         Where camera or board moved.
+    mirrored : (str, str)
+        What is mirrored where robot or camera are, and its remedy.
     """
 
     paired: str
     removed: str
     apart: str
+    mirrored: tuple[str, str]
     of_others: bool
     mounts: tuple[str, str]
     size_of: str
@@ -206,6 +205,7 @@ OF_POSES = Remedies(
     paired=f"{PAIRED}, and that the poses are by intrinsics of these images",
     removed="remove these rows",
     apart="give the images before and after it apart",
+    mirrored=("one axis of the robot's poses, or the images, are mirrored", "turn the sign of that axis"),
     of_others=True,
     mounts=("--eye-in-hand", "--no-eye-in-hand"),
     size_of="the size that its poses have",
@@ -215,6 +215,7 @@ OF_IMAGES = Remedies(
     paired=f"{PAIRED}, and that it is this arm",
     removed="remove the rows of these images from the table of pixels",
     apart="fit the images before and after it apart",
+    mirrored=("the images are mirrored", "u_px to the right and v_px down, in images as the sensor takes them"),
     of_others=False,
     mounts=("--eye-in-hand", "omit --eye-in-hand, or the camera's --on-flange"),
     size_of="its stated size",
@@ -319,7 +320,7 @@ def interpret(
     robot_mm, board_mm = _positions_mm(robot, "robot"), board_size * _positions_mm(board, "board")
     if (n := len(board_mm)) < LEAST_IMAGES:
         raise InputError(f"expected {LEAST_IMAGES} images or more, got {n}", hint="25 or more, well turned")
-    ways = _ways(robot, board, called, remedies)
+    ways = _ways(robot, board, board_mm, called, remedies)
     _check_turning(ways[0].motions(robot_mm, board_mm, eye_in_hand)[0][ways[0].test.agree], eye_in_hand)
     found = [(way, dict(way.fits(robot_mm, board_mm, eye_in_hand))) for way in ways]
     found.sort(key=lambda one: one[1][WAYS[0]].rms_mm)
@@ -362,7 +363,9 @@ def _positions_mm(poses: Poses, of: str) -> FloatArray:
     return poses.positions * FACTOR[poses.unit]
 
 
-def _ways(robot: Poses, board: Poses, called: Callable[[int], str], remedies: Remedies) -> list[_Way]:
+def _ways(
+    robot: Poses, board: Poses, board_mm: FloatArray, called: Callable[[int], str], remedies: Remedies
+) -> list[_Way]:
     """The ways to read the rotations in which the turns agree, as stated if they do."""
     for poses, of in ((robot, "robot"), (board, "board")):
         if not poses.forms or (poses.form is not None and poses.form not in poses.forms):
@@ -386,12 +389,19 @@ def _ways(robot: Poses, board: Poses, called: Callable[[int], str], remedies: Re
         alone, missing = ("image", "pose") if shift > 0 else ("pose", "image")
         ends = f"the first {alone} has" if abs(shift) == 1 else f"the first {abs(shift)} {alone}s have"
         raise InputError(problem, hint=f"pair each pose with its own image: {ends} no {missing}")
-    if (k := parted(way.test)) is not None:
-        problem += f"; those up to {called(k - 1)} agree with each other, and those from {called(k)}"
-        hint = f"the camera or the board moved in between, or the tool changed: {remedies.apart}"
-        contradict(InputError(problem, hint=hint))
+    if all("turned" in what for what in wrong_rows(way.test, way.robot, way.board, board_mm)):
+        _wrong(way, board_mm, called, remedies)
         return [way]
-    contradict(InputError(problem, hint=remedies.paired))
+    hint = remedies.paired
+    if (others := others_agree(way)) is not None:
+        steps = np.flatnonzero(np.diff(way.test.agree.astype(int)))
+        if len(steps) == 1:
+            problem += f"; those up to {called(int(steps[0]))} do, and those from {called(int(steps[0]) + 1)}"
+            hint = f"the camera or the board moved in between, or the tool changed: {remedies.apart}"
+        else:
+            problem += f", and so do the others: {', '.join(map(called, others.tolist()))}"
+            hint = "are there two boards, or two places of one? Keep their images apart"
+    contradict(InputError(problem, hint=hint))
     return [way]
 
 
@@ -467,8 +477,7 @@ def _refuse_misfit(
     for of in ("board", "robot"):
         left = best[f"{of} transposed"]
         named.append((left, f"it is {left:.3g} mm if {TRANSPOSED.format(of)}", "transpose the matrices"))
-    mirrored = best["mirrored"]
-    named.append((mirrored, f"it is {mirrored:.3g} mm if one axis of the robot's poses is mirrored", "turn its sign"))
+    named.append((best["mirrored"], f"it is {best['mirrored']:.3g} mm if {remedies.mirrored[0]}", remedies.mirrored[1]))
     left, words, hint = min([*named, *others])
     if left < min(rms / BETTER, NO_FIT * spread):
         contradict(InputError(f"{misses}; {words}", hint=hint))
