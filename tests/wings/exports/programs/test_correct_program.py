@@ -334,6 +334,19 @@ class TestRefusals:
         assert "--start" in found.refused[0].reason
         assert corrected(fitted(KR), tmp_path / "made.dat", start=joints.mean(axis=0)).is_complete
 
+    def test_configurations_that_are_not_checked_are_placeholders_where_no_posture_has_them(self, tmp_path):
+        planned = joints_of(IRB, 6)
+        text = rapid_module(ta.load_arm(IRB).chain, planned)
+        meant = numbers_of(corrected(fitted(IRB), written(tmp_path, text)).content, b"p")
+        zeros = re.sub(r"\[-?\d,-?\d,-?\d,\d\],\[9E9", "[0,0,0,0],[9E9", text)
+        off = zeros.replace("PROC main()\n", "PROC main()\n    ConfL\\Off;\n")
+        found = corrected(fitted(IRB), written(tmp_path, off), start=planned.mean(axis=0))
+        there = numbers_of(found.content, b"p")
+        np.testing.assert_allclose(there[:, :3], meant[:, :3], rtol=0, atol=2e-6)  # mm: the last of six decimals
+        assert any("first that of p" in note for note in found.notes)
+        for checked in (zeros, off.replace("Off;", "Off;\n ConfL\\On;"), off.replace("ConfL", "ConfJ")):
+            refuses("has its configuration", corrected, fitted(IRB), written(tmp_path, checked))
+
     def test_another_number_of_joints_is_refused(self, tmp_path):
         with pytest.raises(InputError, match="arms of 6 turning joints"):
             corrected(fitted("panda"), written(tmp_path, joints_module(joints_of(IRB))))

@@ -47,7 +47,7 @@ from truearm.wings.exports.programs.program import (
     with_edits,
 )
 from truearm.wings.exports.programs.rapid import Rapid
-from truearm.wings.exports.programs.solving import ROBOT, Machine, Solver, ends_of
+from truearm.wings.exports.programs.solving import NO_POSTURE, ROBOT, Machine, Solver, ends_of
 from truearm.wings.exports.programs.subdivision import check_subdivision, divide
 from truearm.wings.exports.programs.urscript import URScript
 from truearm.wings.exports.programs.yaskawa_jbi import YaskawaJob
@@ -173,7 +173,27 @@ def correct_program(
             fitted = with_controller(fitted, read.controller)
         solver = Solver(fitted, language, read.controller, direction, untrained, stated)
         near = None if start is None else _start_of(start, solver.machine.n_axes)
+        read = _without_placeholders(read, solver, near)
         return _Correction(solver, read, is_first=not before).result(path, file, near, subdivide_mm)
+
+
+def _without_placeholders(program: Program, solver: Solver, start: FloatArray | None) -> Program:
+    """The program without configurations that its controller does not check, if some are those of no posture."""
+    if not program.unwatched:
+        return program
+    _, reasons = solver.nominal(program.targets, start, program.moves)
+    bad = [row for row in program.unwatched if NO_POSTURE in reasons[row]]
+    if not bad:
+        return program
+    targets = [
+        replace(one, conditions=()) if row in program.unwatched else one for row, one in enumerate(program.targets)
+    ]
+    first = program.targets[min(bad)].name
+    said = (
+        f"{len(bad)} configurations are those of no posture, the first that of {first}: the program "
+        "switches their check off, and none of the moves that it is off for counts."
+    )
+    return replace(program, targets=tuple(targets), notes=(*program.notes, said))
 
 
 def language_of(data: bytes) -> Language | None:

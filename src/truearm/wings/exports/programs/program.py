@@ -186,6 +186,8 @@ class Program:
         What a person must know: assumptions, frames taught with the robot, points that others are computed from.
     controller : Chain, optional
         Kinematics that the program says its controller uses; the drawing of the model's arm by default.
+    unwatched : frozenset of int
+        Targets whose configuration the controller does not check, by their numbers.
     """
 
     data: bytes
@@ -194,6 +196,7 @@ class Program:
     moves: tuple[Move, ...] = ()
     notes: tuple[str, ...] = ()
     controller: Chain | None = None
+    unwatched: frozenset[int] = frozenset()
 
     @classmethod
     def of(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise, takewhile
 from math import floor, hypot, inf
@@ -77,6 +77,8 @@ _STILL = frozenset(
     b"setdo set reset setgo setao pulsedo waittime waitdi waitdo waituntil confl confj singarea accset velset gripload "
     b"tpwrite tperase incr decr add clear const pers var local".split()
 )
+# Instructions that switch the check of configurations off, and the moves for which it is.
+_MONITORS: dict[bytes, tuple[MoveKind, ...]] = {b"confl": ("linear", "circular"), b"confj": ("joint",)}
 # Words after which a statement begins, and those that begin none that is a call.
 _BEGINS = frozenset(b") then do else endif endfor endwhile endtest".split())
 _NO_CALL = _STILL | _BEGINS | frozenset(b"module proc func trap endproc if elseif for while test case return".split())
@@ -219,7 +221,15 @@ class _Module(NamedTargets):
             for name, at in self.passed.items()
             if name in corrected
         )
-        return self.of(named, self.external)
+        program = self.of(named, self.external)
+        off = {kind for word, kinds in _MONITORS.items() if self._is_off(word) for kind in kinds}
+        watched = {move.target for move in program.moves if move.kind not in off}
+        return replace(program, unwatched=frozenset(range(len(program.targets))) - watched if off else frozenset())
+
+    def _is_off(self, word: bytes) -> bool:
+        """Whether the module switches the check of configurations off, and never on."""
+        following = zip(self.tokens, self.tokens[1:], self.tokens[2:], strict=False)
+        return {last.word for first, _, last in following if first.word == word} == {b"off"}
 
     def settled(self, move: Move, goal: bytes | int | None) -> Move:
         """See `NamedTargets`: what is known when the whole module is read."""

@@ -232,6 +232,7 @@ def _wrapped(angle: FloatArray) -> FloatArray:
 
 # What the targets of another robot are, too.
 ROBOT = "check its tool, its work frame and the robot"
+NO_POSTURE = "no posture within the limits has its configuration"
 
 
 def _reason(exists: bool, inside: bool, fits: bool, rivals: bool, stated: bool) -> str:
@@ -240,7 +241,7 @@ def _reason(exists: bool, inside: bool, fits: bool, rivals: bool, stated: bool) 
     if not inside:
         return f"only reached beyond a joint limit: {ROBOT}"
     if not fits:
-        return f"no posture within the limits has its configuration: {ROBOT}"
+        return f"{NO_POSTURE}: {ROBOT}"
     if rivals and stated:
         return "several postures have its configuration"
     return "its configuration is not stated: --start states joints nearby" if rivals else ""
