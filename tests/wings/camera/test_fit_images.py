@@ -20,7 +20,7 @@ from truearm.wings.camera.fit_images import ImageFit, fit_images
 from truearm.wings.camera.images import Images, adjust, first_poses, linearise
 from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera
 from truearm.wings.camera.observations import PixelObservations
-from truearm.wings.camera.virtual_cell import VirtualCell, small_cell
+from truearm.wings.camera.virtual_cell import VirtualCell, small_cell, table_of
 
 N = 24
 # Share of 200 new poses in the stated 95 % regions of one arm: they share its camera and its size, and so their errors.
@@ -233,6 +233,18 @@ def test_a_camera_of_another_lens_is_refused_as_far_as_it_is_stated():
     for lens, u_px, said in ((half, 2.0, "% of the focal length"), (plain, 0.0, "px with another distortion")):
         with pytest.raises(Contradiction, match=f"contradict the stated camera: .*{said}"):
             fit_images("ur5", session, pixels, board=cell.board, camera=lens, u_camera_px=u_px, model="kinematic")
+
+
+def test_poses_that_turn_about_one_axis_say_what_they_leave_open():
+    """Joints 2 to 4 have parallel axes; the fit knows the camera to some 500 mm and said so without a reason."""
+    cell, rng = measured(True)[0], np.random.default_rng(2)
+    angles = cell.virtual.nominal.working + rng.uniform(-0.25, 0.25, (200, 6)) * [0, 1, 1, 1, 0, 0]
+    exact = cell.project(cell.T_camera_board(angles, cell.virtual.motions(angles)))
+    seen = (~np.isnan(exact[:, 0])).all(axis=1)
+    pixels = table_of(exact[seen] + 0.2 * rng.standard_normal(exact[seen].shape), cell.board)
+    found = fit_images("ur5", ta.Session(angles[seen]), pixels, board=cell.board, eye_in_hand=True, model="kinematic")
+    assert found.camera.U_mm > 100
+    assert any(str(one).startswith("All poses turn about one axis") for one in found.findings)
 
 
 def test_copies_of_images_count_once():

@@ -361,3 +361,17 @@ def test_images_of_two_places_of_the_board_in_turn_are_named():
     ) as error:
         cell.with_seen(seen).hand_eye()
     assert error.value.hint.startswith("are there two boards, or two places of one?")
+
+
+def test_joints_without_names_and_a_rotation_before_its_position_have_a_remedy(tmp_path):
+    cell = cell_of()
+    turns = Rotation.from_matrix(cell.seen[:, :3, :3]).as_rotvec()
+    for name, columns in (("seen", [cell.seen[:, :3, 3], turns]), ("turned", [turns, cell.seen[:, :3, 3]])):
+        np.savetxt(tmp_path / f"{name}.txt", np.hstack(columns), delimiter=",")
+    np.savetxt(tmp_path / "joints.txt", np.degrees(cell.joints), delimiter=",")
+    with pytest.raises(InputError) as error:
+        ta.hand_eye(tmp_path / "seen.txt", tmp_path / "joints.txt", unit="mm", arm="ur10")
+    assert "joints have names, q1_deg or q1_rad" in error.value.hint
+    with pytest.raises(InputError, match="rotations of the board are no rotations") as error:
+        ta.hand_eye(tmp_path / "turned.txt", cell.flange, unit="mm")
+    assert "a position comes before its rotation" in error.value.hint

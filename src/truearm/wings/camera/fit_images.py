@@ -176,7 +176,10 @@ def fit_images(
         except InputError as error:
             told = f"Images could not be judged again by the zeros found: {error.problem}; those ignored stay so."
             placed = replace(placed, findings=(*placed.findings, Finding("hand-eye", told)))
-    if isinstance(placed.contradiction, Contradiction):
+    if placed.contradiction and not isinstance(placed.contradiction, Contradiction):
+        told = f"{placed.contradiction.problem[0].upper()}{placed.contradiction.problem[1:]}."
+        placed = replace(placed, findings=(*placed.findings, Finding("hand-eye", told)))
+    elif placed.contradiction:
         left = result.held_out_mm
         if left is None or LEAST_APART * left[0] > placed.alone_mm:
             raise placed.contradiction

@@ -359,7 +359,8 @@ def interpret(
 def _positions_mm(poses: Poses, of: str) -> FloatArray:
     if poses.unit is None:
         option = "--unit" if of == "board" else "--robot-unit"
-        raise InputError(f"the unit of the positions of the {of} is not stated", hint=f"{option} mm or {option} m")
+        hint = f"{option} mm or {option} m{'; joints have names, q1_deg or q1_rad' * (of == 'robot')}"
+        raise InputError(f"the unit of the positions of the {of} is not stated", hint=hint)
     return poses.positions * FACTOR[poses.unit]
 
 
@@ -370,7 +371,8 @@ def _ways(
     for poses, of in ((robot, "robot"), (board, "board")):
         if not poses.forms or (poses.form is not None and poses.form not in poses.forms):
             form = f" as {described(poses.form)}" if poses.form else ""
-            raise InputError(f"the rotations of the {of} are no rotations{form}", hint="--rotation FORM states them")
+            hint = "--rotation FORM states them; a position comes before its rotation; left-handed frames have none"
+            raise InputError(f"the rotations of the {of} are no rotations{form}", hint=hint)
     stated = [{one.form: one.forms[one.form]} if one.form else one.forms for one in (robot, board)]
     if found := _passing(*stated):
         return found
