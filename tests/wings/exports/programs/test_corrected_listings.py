@@ -21,6 +21,7 @@ from made_up_listings import (
     in_work,
     joints_of,
     kinematics_node,
+    listed,
     old_waypoint,
     polyscope_program,
     polyscope_script,
@@ -40,6 +41,7 @@ from truearm.arm.inverse_kinematics import solve_inverse_kinematics
 from truearm.errors import InputError
 from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.correct_program import correct_program
+from truearm.wings.exports.programs.urscript import pose_matrix
 from truearm.wings.exports.targets.pose_models import nominal_poses, poses_of, with_tool
 from truearm.wings.exports.targets.targets import Targets
 
@@ -219,6 +221,36 @@ class TestUniversalRobots:
         script = polyscope_script(calibrated(), planned)
         error = refuses("another tool, or other kinematics", corrected, tmp_path, model, script.encode(), "a.script")
         assert "they agree for 'ur10'" in error.hint
+
+    @pytest.mark.parametrize("again", [False, True])
+    def test_poses_in_a_frame_with_one_value_are_those_of_the_base(self, tmp_path, again):
+        model, planned = fitted("ur10"), joints_of("ur10", 3)
+        chain, frame = model.arm_.chain, listed(pose_numbers(WORK), 15)
+        script = polyscope_script(chain, planned).replace("P_", "Q_")
+        for i, T in enumerate(in_work(chain, planned), 1):
+            script = re.sub(rf"(Q_{i}_p=p\[)[^\]]*", rf"\g<1>{listed(pose_numbers(T))}", script)
+        framed = re.sub(r"get_inverse_kin\((Q_\d_p)", r"get_inverse_kin(pose_trans(F, \1)", script)
+        before = "  F=p[0,0,0,0,0,0]\n" * again + f"  F=p[{frame}]\n"
+        framed = framed.replace("  while (True):\n", before).replace("  end\nend", "end")
+        text, found = corrected(tmp_path, model, framed.encode(), "a.script")
+        assert len(found.changes) == 3, found
+        mm, _ = tip_errors(model, planned, numbers(r"Q_\d_q=\[(.*)\]", text.decode()))
+        assert mm.max() < 1e-5
+        poses = numbers(r"Q_\d_p=p\[(.*)\]", text.decode())
+        there = np.array([WORK @ pose_matrix(one) for one in poses.tolist()]) @ np.linalg.inv(TOOL)
+        sent = joints_at(chain, there, planned)
+        assert tip_errors(model, planned, sent)[0].max() < 1e-5
+        assert f"F=p[{frame}]" in text.decode()
+
+    @pytest.mark.parametrize(
+        "move", ["pose_trans(P_1_p, p[0,0,0.1,0,0,0])", "pose_trans(p[0,0,0.1,0,0,0], P_1_p)", "pose_trans(F, P_2_p)"]
+    )
+    def test_offsets_of_targets_are_computed(self, tmp_path, move):
+        model, planned = fitted("ur10"), joints_of("ur10", 2)
+        script = polyscope_script(model.arm_.chain, planned).replace("  end\nend", f"    movel({move})\n  end\nend")
+        _, found = corrected(tmp_path, model, script.encode(), "a.script")
+        assert len(found.changes) == 2
+        assert len(found.left) == 1
 
     def test_one_pair_that_disagrees_stays_and_the_others_are_corrected(self, tmp_path):
         model, planned = fitted("ur10"), joints_of("ur10", 3)

@@ -74,6 +74,7 @@ _TURNS_OFF = r"\b(?:def|thread|while|if|elif|else|for|end|return|break|continue|
 _NAMED = re.compile(r"([a-z]\w*)\s*=")
 _SPEED_ARGUMENTS = 2  # acceleration and speed; then time and radius of the blend
 _INVERSE = re.compile(r"get_inverse_kin\s*\((.*)\)", re.DOTALL)
+_TRANS = re.compile(r"pose_trans\s*\(")
 _WITH_TOOL = 4  # arguments of get_inverse_kin before its tool
 POSE = ("x", "y", "z", "rx", "ry", "rz")
 JOINTS = tuple(f"j{i}" for i in range(1, 7))
@@ -138,11 +139,25 @@ def _functions(code: str) -> Iterator[tuple[int, int]]:
 
 @dataclass
 class _Use:
-    """A list that moves go to, by the name of the first, and the joints that were beside it."""
+    """A list that moves go to, by the name of the first, the joints that were beside it, and the frame it is in."""
 
     name: str
     literal: _Literal
     near: dict[int, _Literal] = field(default_factory=dict)
+    work: _Literal | None = None
+
+    @property
+    def T_base_work(self) -> FloatArray:
+        return np.eye(4) if self.work is None else pose_matrix(self.work.values)
+
+
+class _Framed(NamedTuple):
+    """A move to a pose in a frame, by its number among the moves: its words, places of its names, and what it uses."""
+
+    move: int
+    words: str
+    place: tuple[int, int]
+    use: _Use
 
 
 class _Reader:
@@ -159,10 +174,11 @@ class _Reader:
         self.tools: list[_Literal | None] = []
         self.left: list[LeftAlone] = []
         self.uses: dict[int, _Use] = {}
-        self.poses: dict[int, FloatArray] = {}
         self.moves: list[tuple[Move, int]] = []
         self.parameters = {name for found in _PARAMETERS.findall(self.code) for name in _NAME.findall(found)}
         self.n_uses: Counter[int] = Counter()
+        self.framed: list[_Framed] = []
+        self.turns = re.compile(_TURNS_OFF + "".join(rf"|{name}\s*\(" for name in _DEFINED.findall(self.code)))
 
     def _assignments(self) -> tuple[dict[str, list[_Literal]], dict[str, str]]:
         """Literal lists by the names of their variables, and why a variable is none."""
@@ -193,8 +209,7 @@ class _Reader:
         n_open = len(_OPENS.findall(self.code)) - len(_ENDS.findall(self.code))
         if n_open > 0:
             raise InputError(f"{n_open} blocks have no end: the program is truncated", line=self.line(len(self.text)))
-        names = "".join(rf"|{name}\s*\(" for name in _DEFINED.findall(self.code))
-        turns, last = re.compile(_TURNS_OFF + names), 0
+        last = 0
         for call in _CALL.finditer(self.code):
             arguments = _arguments(self.code, call.end())
             if arguments is None:
@@ -202,7 +217,7 @@ class _Reader:
                     f"the call of {call[1]} does not end: the program is truncated", line=self.line(call.start())
                 )
             words = " ".join(self.text[call.start() : arguments[-1][1] + 1].split())
-            follows = not turns.search(self.code, last, call.start())
+            follows = not self.turns.search(self.code, last, call.start())
             between = self.code[last + bool(last) : call.start()]
             is_still = bool(last) and all(map(_STILL.fullmatch, re.split(r"\r\n|\n|\r", between)))
             last = arguments[-1][1] if call[1] != "set_tcp" else last
@@ -219,7 +234,7 @@ class _Reader:
         named = {found[1] for at, stop in arguments[1:] if (found := _NAMED.match(self.code, at, stop))}
         if call[1] != "movel" or named - {"a", "v", "r"} or len(arguments) - 1 - len(named) > _SPEED_ARGUMENTS:
             return WRITTEN_OTHERWISE
-        if any("(" in self.code[at:stop] for at, stop in arguments[1:]):
+        if any("(" in self.code[at:stop] for at, stop in arguments[1:]) or _TRANS.match(self.code, *arguments[0]):
             return WRITTEN_OTHERWISE
         blanks = self.text[self.line.start(call.start()) : call.start()]
         if blanks.strip():
@@ -266,6 +281,11 @@ class _Reader:
                 named = re.compile(r"qnear\s*=\s*").match(self.code, at, stop)
                 found = self._lists(named.end() if named else at, stop)
                 near = [] if isinstance(found, str) else [one for one in found if not one.is_pose]
+        if call != "set_tcp" and (use := self._in_frame(call, line, start, end)) is not None:
+            use.near = {one.start: one for one in near}
+            self.framed.append(_Framed(len(self.moves), words, (start, end), use))
+            self.moves.append((move, -1))
+            return
         lists = self._lists(start, end)
         if call == "set_tcp":
             self.tools += [None] if isinstance(lists, str) else lists
@@ -285,6 +305,43 @@ class _Reader:
             is_certain = self._is_certain(call, self.code[start:end], lists)
             self.moves.append((move._replace(is_certain=is_certain), literal.start))
 
+    def _in_frame(self, call: str, line: int, start: int, end: int) -> _Use | None:
+        """What pose_trans(frame, pose) uses, where both are certain."""
+        opens = _TRANS.match(self.code, start, end)
+        places = _arguments(self.code, opens.end()) if opens else None
+        if places is None or len(places) != 2 or self.code[places[1][1] + 1 : end].strip():
+            return None
+        frames, poses = (self._lists(*place) for place in places)
+        if isinstance(frames, str) or isinstance(poses, str) or len(poses) > 1:
+            return None
+        before = [one for one in frames if one.end <= places[1][0]]
+        frame = max(before or frames, key=lambda one: one.start)
+        is_certain = len(frames) == 1 or (
+            self._function(frame.start) == self._function(start) and not self.turns.search(self.code, frame.end, start)
+        )
+        if not is_certain or not frame.is_pose or not poses[0].is_pose:
+            return None
+        name = self.code[slice(*places[1])].strip()
+        return _Use(name if _NAME.fullmatch(name) else f"{call} in line {line}", poses[0], work=frame)
+
+    def _settle_frames(self) -> None:
+        """Take poses in frames, unless frame or pose is a target by itself: one of the two is then an offset."""
+        direct = set(self.uses)
+        frames: defaultdict[int, set[int]] = defaultdict(set)
+        for one in self.framed:
+            assert one.use.work is not None  # of a pose in a frame
+            frames[one.use.literal.start].add(one.use.work.start)
+        for number, words, place, use in self.framed:
+            at, (work, *others) = use.literal.start, frames[use.literal.start]
+            move, _ = self.moves[number]
+            if others or direct & {at, work} or work in frames:
+                self.left.append(LeftAlone(move.line, words, "computed at run time"))
+                for name in _NAME.findall(self.code[slice(*place)]):
+                    self.bases.setdefault(name, move.line)
+            else:
+                self.uses.setdefault(at, use).near |= use.near
+                self.moves[number] = (move, at)
+
     def _lists(self, start: int, end: int) -> list[_Literal] | str:
         """The literal lists that an expression can be, or why it is none."""
         literal = _literal(self.code, start, end)
@@ -303,6 +360,7 @@ class _Reader:
     def targets(self, beside: Surroundings, stated: StatedKinematics) -> Iterator[tuple[int, Target | LeftAlone]]:
         """The targets in the order of the moves, by the places of their lists, and what is not changed."""
         tool, no_tool = self._tool(beside)
+        self._settle_frames()
         for use in self.uses.values():
             twins = self._twins(use.name) if use.literal.is_pose and not use.near else ()
             if len(twins) == 1 and not twins[0].is_pose:
@@ -331,8 +389,7 @@ class _Reader:
             return {}
         uses = [use for use in self.uses.values() if use.literal.is_pose and use.near]
         joints = np.array([next(iter(use.near.values())).values for use in uses]).reshape(-1, 6)
-        poses = np.array([pose_matrix(use.literal.values) for use in uses]).reshape(-1, 4, 4)
-        self.poses = {use.literal.start: T for use, T in zip(uses, poses, strict=True)}
+        poses = np.array([use.T_base_work @ pose_matrix(use.literal.values) for use in uses]).reshape(-1, 4, 4)
         flange = poses @ inverse(tool)
         found = disagreements(stated.checked, joints, flange)
         own = [i for i, use in enumerate(uses) if next(iter(use.near.values())) in self._twins(use.name)]
@@ -365,14 +422,13 @@ class _Reader:
             T_tool = None if isinstance(tool, str) else tool
             named = dict(zip(JOINTS, numbers, strict=True))
             return Target(use.name, line, named, joints=np.array(values), T_flange_tool=T_tool, span=span)
-        if not any(values):
+        if not any(values) and use.work is None:
             return "a place-holder: all its numbers are zero"
         if isinstance(tool, str):
             return tool
         if len(use.near) > 1:
             return "it is used with several start joints"
-        T = self.poses.get(use.literal.start)
-        T = pose_matrix(values) if T is None else T
+        T = pose_matrix(values)
         q = None if near is None else np.array(near.values)
         named = dict(zip(POSE, numbers, strict=True))
         if near is not None and away is not None:
@@ -380,7 +436,7 @@ class _Reader:
                 return away
             if not away and self.n_uses[near.start] == 1:
                 named |= zip(JOINTS, near.numbers, strict=True)
-        return Target(use.name, line, named, pose=T, T_flange_tool=tool, T_base_work=np.eye(4), near=q, span=span)
+        return Target(use.name, line, named, pose=T, T_flange_tool=tool, T_base_work=use.T_base_work, near=q, span=span)
 
     def _tool(self, beside: Surroundings) -> tuple[FloatArray | None, str]:
         """The only tool of the program, or that of the frames, and why there is none."""
