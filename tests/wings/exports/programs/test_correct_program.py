@@ -803,3 +803,12 @@ ENDMODULE
     said = "The tool of jHome is 0.1205 mm long: correct it if it was meant in metres."
     assert (said in notes) is is_said
     assert len(notes) == is_said
+
+
+def test_a_work_frame_in_metres_is_remarked(tmp_path):
+    text = rapid_module(ta.load_arm(IRB).chain, joints_of(IRB, 2), work=np.eye(4))
+    moved = text.replace('TRUE,"",[[0.000000,0.000000,0.000000]', 'TRUE,"",[[0.9,-0.2,0.4]')
+    assert moved != text
+    said = "The work frame of p0 is 1.005 mm from the base: correct it if it was meant in metres."
+    assert said in corrected(fitted(IRB), written(tmp_path, moved)).notes
+    assert not any("metres" in note for note in corrected(fitted(IRB), written(tmp_path, text)).notes)

@@ -66,8 +66,8 @@ MAX_BYTES = 64 * 2**20
 _ON_BORDER = 1e-3
 # A model that equals the nominal arm changes joints by rounding: such a target keeps its bytes [rad].
 _UNCHANGED = 1e-9
-# A tool that is shorter, and not the flange itself, was written in metres [mm].
-_NO_FLANGE, _SHORTEST_TOOL = 1e-6, 1.0
+# A tool that is shorter, and not the flange itself, was written in metres, and a work frame so near the base [mm].
+_NO_FLANGE, _SHORTEST_TOOL, _NEAREST_WORK = 1e-6, 1.0, 5.0
 _MARK = re.compile(rb"truearm (command|feedback) ([0-9a-f]{8})")
 # What lengths are multiplied by, if a program has them in another unit than its language. Smaller ones than stated are
 # no explanation: near the origin of a work frame all is within reach.
@@ -277,7 +277,7 @@ class _Correction:
         changes, refused = self._changes(nominal, corrected, shifts, reasons)
         self._check_reversed(refused)
         edits = [edit for change in changes for edit in change.edits]
-        notes = [*self._short_tools(), *self._bend(nominal, corrected)]
+        notes = [*self._short_frames(), *self._bend(nominal, corrected)]
         good = np.array([not reason for reason in reasons], dtype=bool)
         if good.any():
             readings = solver.targets_of(corrected[good])
@@ -325,16 +325,19 @@ class _Correction:
                     "away is not what was added."
                 )
 
-    def _short_tools(self) -> Iterator[str]:
-        """A note of tools that were probably written in metres, each named by the first target that uses it."""
-        tools: dict[str, str] = {}
+    def _short_frames(self) -> Iterator[str]:
+        """A note of frames that were probably written in metres, each named by the first target that uses it."""
+        found: dict[str, str] = {}
         for target in self.program.targets:
-            if target.T_flange_tool is not None:
-                length = float(np.linalg.norm(target.T_flange_tool[:3, 3]))
-                if _NO_FLANGE < length < _SHORTEST_TOOL:
-                    tools.setdefault(f"{length:.4g}", target.name)
-        for said, name in tools.items():
-            yield f"The tool of {name} is {said} mm long: correct it if it was meant in metres."
+            for T, least, said in (
+                (target.T_flange_tool, _SHORTEST_TOOL, "tool of {} is {:.4g} mm long"),
+                (target.T_base_work, _NEAREST_WORK, "work frame of {} is {:.4g} mm from the base"),
+            ):
+                length = 0.0 if T is None else float(np.linalg.norm(T[:3, 3]))
+                if _NO_FLANGE < length < least:
+                    found.setdefault(f"{said}{length:.4g}", said.format(target.name, length))
+        for one in found.values():
+            yield f"The {one}: correct it if it was meant in metres."
 
     def _bend(self, nominal: FloatArray, corrected: FloatArray) -> Iterator[str]:
         worst = self.solver.bend(self.program.targets, ends_of(self.program.moves), nominal, corrected)
