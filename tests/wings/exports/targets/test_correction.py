@@ -11,8 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from refusals import refuses
 from truearm.arm import Pose, load_arm
+from truearm.arm.rigid_motions import motion
 from truearm.identification.terms import Temperature
 from truearm.models import KinematicModel, PhysicalModel
+from truearm.readings import Session
 from truearm.wings.exports.correct import correct
 from truearm.wings.exports.targets.correction import correct_targets, task_of
 from truearm.wings.exports.targets.inverse import follow, keeps_configuration, solve_poses
@@ -210,6 +212,19 @@ def test_start_joints_far_from_their_poses_are_said_with_the_tool_that_explains_
     table = posed(ur10.model, ur10.joints, lambda R: R.as_rotvec(degrees=True), VECTOR)
     table["x_mm"] += 200.0
     assert "if those only choose the configuration" in str(correct(ur10.model, table, untrained="accept"))
+
+
+def test_poses_in_the_other_frame_are_said(ur10):
+    angles, noise = np.random.default_rng(3).uniform(-1, 1, (60, 6)) + ur10.model.arm_.working, np.random.default_rng(4)
+    T = motion(Rotation.from_rotvec([0.0, 0.1, 2.0]).as_matrix(), [900.0, -400.0, 300.0])
+    points = ur10.model.arm_.chain.tip_in_base(angles) @ T[:3, :3].T + T[:3, 3]
+    model = KinematicModel(ur10.model.arm_).fit_readings(Session(angles, points + noise.normal(0, 0.01, points.shape)))
+    table = posed(model, angles[:9], lambda R: R.as_rotvec(degrees=True), VECTOR)
+    assert "--frame" not in str(correct(model, table, untrained="accept"))
+    assert "of the reference only 0.0" in str(correct(model, table, frame="base", untrained="accept"))
+    back, xyz = np.linalg.inv(reference_from_base(model)), ["x_mm", "y_mm", "z_mm"]
+    in_base = table.assign(**dict(zip(xyz, back[:3, :3] @ table[xyz].to_numpy().T + back[:3, 3:], strict=True)))
+    assert "of the arm's base only 0.0" in str(correct(model, in_base, untrained="accept"))
 
 
 def test_a_limit_is_named_with_the_joint_and_by_how_much(ur10):

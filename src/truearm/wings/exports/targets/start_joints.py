@@ -97,6 +97,13 @@ def doubts_about_poses(model: Compensator, targets: Targets, frame: Frame, *, al
             f"{said}, and times {factor:g} only {format_mm(away[factor])}: check the unit in the names of the columns."
         )
         return
+    other: Frame = "reference" if frame == "base" else "base"
+    there = poses_at_start(model, targets, other).tip_in_base
+    mm_there = float(np.median(np.linalg.norm(tips - there, axis=1)))
+    if (all_refused or targets.joint_columns) and FAR_NEARER * mm_there < mm and mm > _SAME_MM:
+        name = "the arm's base" if other == "base" else "the reference"
+        yield f"{said}, and as poses in the frame of {name} only {format_mm(mm_there)}: check --frame {other}."
+        return
     if not targets.joint_columns:  # one start for all
         return
     shift = np.einsum("nij,ni->nj", at_start.R_base_tip, tips - at_start.tip_in_base)
