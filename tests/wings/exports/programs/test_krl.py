@@ -103,6 +103,11 @@ LEFT = {
 }
 
 
+def test_called_subprograms_are_said_but_those_of_the_file_and_of_the_system():
+    body = f"BAS(#INITMOV,0)\nUnder()\nHere()\nIF (TRUE) THEN\nUnder()\nENDIF\n{BOTH}LIN {POSE}\nEND\nDEF Here()"
+    assert "The programs that it calls are not corrected with it: Under." in read(source(body)).notes
+
+
 @pytest.mark.parametrize("what", LEFT)
 def test_what_is_not_changed_has_a_reason(what):
     body, name, reason = LEFT[what]

@@ -27,6 +27,7 @@ from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.numbers import angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
+    CALLED,
     COMES_FROM,
     WRITTEN_OTHERWISE,
     Condition,
@@ -43,6 +44,7 @@ from truearm.wings.exports.programs.program import (
     Surroundings,
     Target,
     line_end_of,
+    some,
     text_start,
 )
 
@@ -253,6 +255,10 @@ class _File(NamedTargets):
             for line in lines:
                 self._declare(line.code, of_file)
         called = self._called([*others, self.lines])
+        calls = {call[1].upper(): _text(call[1]) for line in self.lines if (call := _CALL.match(line.code))}
+        here = _names_of([self.lines])
+        names = [text for name, text in calls.items() if name not in here and not _HARMLESS.fullmatch(name)]
+        self.notes += [CALLED.format(some(names))] if names else []
         self.setters = _setters([*others, *called, self.lines], self.unknown)
         self.labels = {label for lines in (*others, self.lines) for label in self._reached_labels(lines)}
         for lines in others:
@@ -260,9 +266,9 @@ class _File(NamedTargets):
         self._walk(self.lines, is_own=True)
         for line, given in self.given:
             self._value(line, given)
-        here = {found[0] for found in self.found} | {_word(given[1]) for _, given in self.given}
+        valued = {found[0] for found in self.found} | {_word(given[1]) for _, given in self.given}
         for move, goal in self.moves:
-            if isinstance(goal, bytes) and goal not in here:
+            if isinstance(goal, bytes) and goal not in valued:
                 reason = "the program computes it" if goal[:1] == b"$" else "its numbers are in another file"
                 self.left.append(LeftAlone(move.line, _text(goal), reason))
         texts = (text for lines in (*others, self.lines) for line in lines for text in _STATUS.findall(line.code))
@@ -327,7 +333,7 @@ class _File(NamedTargets):
     def _called(self, files: list[list[_Line]]) -> list[list[_Line]]:
         """Files beside the program of the subprograms that it calls, and of those that they call."""
         folder, found, waiting = self.beside.file and self.beside.file.parent, [], files
-        known = {begins[1].upper() for lines in files for line in lines if (begins := _BEGINS.match(line.code))}
+        known = _names_of(files)
         while waiting:
             calls = {call[1].upper() for lines in waiting for line in lines if (call := _CALL.match(line.code))}
             waiting = []
@@ -639,6 +645,11 @@ def _lines(data: bytes) -> Iterator[_Line]:
             raise InputError("a bracket { is not closed", line=number)
         if match[0]:
             yield _Line(number, match.start(), b"" if text.lstrip()[:1] == b"&" else code[0])
+
+
+def _names_of(files: Iterable[Iterable[_Line]]) -> set[bytes]:
+    """Subprograms that files define."""
+    return {begins[1].upper() for lines in files for line in lines if (begins := _BEGINS.match(line.code))}
 
 
 def _setters(files: Iterable[list[_Line]], unknown: set[bytes]) -> set[bytes]:

@@ -463,21 +463,25 @@ class NamedTargets:
         return Program(self.data, tuple(targets), tuple(self.left), moves, tuple(self.notes))
 
 
+CALLED = "The programs that it calls are not corrected with it: {}."
+
+
 def run_time_notes(text: str, called: str, frames: str) -> Iterator[str]:
     """Notes on the programs that a program calls, and on tools and work frames that it sets.
 
     Both patterns have the names in their group.
     """
     for pattern, said in (
-        (called, "The programs that it calls are not corrected with it: {}."),
+        (called, CALLED),
         (frames, "The program sets {} while it runs: the corrections are those with the frames of --frames."),
     ):
         names = list(dict.fromkeys(re.findall(pattern, text, re.MULTILINE)))
         if names:
-            yield said.format(_some(names))
+            yield said.format(some(names))
 
 
-def _some(names: Sequence[str]) -> str:
+def some(names: Sequence[str]) -> str:
+    """The first names, and whether there are others."""
     return ", ".join(names[:_NAMED]) + (" and others" if len(names) > _NAMED else "")
 
 
@@ -485,7 +489,7 @@ def _unreached_note(names: Iterable[str]) -> Iterator[str]:
     """A note on corrected targets that no move of the file goes to."""
     all_names = list(dict.fromkeys(names))
     if all_names:
-        shown = _some(all_names)
+        shown = some(all_names)
         yield f"No move of this file goes to {shown}: make sure that none is a limit, a tolerance or a difference."
 
 
