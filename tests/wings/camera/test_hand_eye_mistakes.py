@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 import truearm as ta
 from truearm.arm.rigid_motions import inverse, motion
 from truearm.errors import Contradiction, InputError
+from truearm.wings.camera.closed_form import closed_form, refined
 from truearm.wings.camera.pose_files import described
 
 HALF = motion(Rotation.from_rotvec([0, 0, np.pi]).as_matrix(), np.zeros(3))
@@ -375,3 +376,30 @@ def test_joints_without_names_and_a_rotation_before_its_position_have_a_remedy(t
     with pytest.raises(InputError, match="rotations of the board are no rotations") as error:
         ta.hand_eye(tmp_path / "turned.txt", cell.flange, unit="mm")
     assert "a position comes before its rotation" in error.value.hint
+
+
+@BOTH
+def test_right_images_of_an_arm_whose_zeros_are_off_are_used(eye_in_hand):
+    """Of 24 some look as of another pose, with a zero 6 deg off; with 14 deg so many do that they are refused."""
+    cell = cell_of(eye_in_hand)
+    for off_deg in (6, 14):
+        joints = cell.joints + np.radians([0, 0, off_deg, 0, 0, 0])
+        found = ta.hand_eye(cell.seen, joints, arm=cell.arm, eye_in_hand=eye_in_hand)
+        assert found.n_used == 24
+        assert "Zeros of joints are off, add to their theta: J3 -" in said(found)
+        assert "another pose" not in said(found)
+
+
+def test_a_far_board_scatters_as_far_boards_do_and_a_near_one_does_not():
+    """The noise of a distance grows with its square: off by eight times the usual, a far image is no gross error."""
+    cell = make_cell(3, 40, noise=(0.02, 0.1))
+    away = np.linalg.norm(cell.seen[:, :3, 3], axis=1)
+    usual = np.median(refined_alone(cell).held_out_mm)
+    for row, is_used in ((away.argmax(), True), (away.argmin(), False)):
+        seen = cell.seen.copy()
+        seen[row, :3, 3] *= 1 + 7.5 * usual / away[row]
+        assert refined_alone(cell.with_seen(seen)).rows[row] == is_used
+
+
+def refined_alone(cell):
+    return refined(cell.flange, cell.seen, closed_form(cell.flange, cell.seen, sized=False))

@@ -194,10 +194,12 @@ def refined(A: FloatArray, C: FloatArray, start: ClosedForm) -> HandEyeAlone:
 
     Images whose held-out position is a gross error are ignored, the worst first, up to a quarter.
     """
-    rows = np.ones(len(A), dtype=bool)
+    rows, away = np.ones(len(A), dtype=bool), np.linalg.norm(C[:, :3, 3], axis=1)
     while True:
         found = _refined(A[rows], C[rows], start.X, start.Y)
         off = found.held_out_mm
+        # The noise of a distance grows with its square, the error of an arm does not.
+        off = off * np.minimum((np.median(away) / away[rows]) ** 2, 1.0)
         worst = int(off.argmax())
         is_gross = off[worst] > max(GROSS * float(np.median(off)), LEAST_GROSS_MM)
         if not is_gross or rows.sum() <= max(0.75 * len(A), 5):

@@ -410,7 +410,7 @@ class _Pair:
                 remedies=remedies,
             )
         except InputError as error:
-            named = explained(error, arm, cell.readings.angles[cell.rows[rows]], seen, in_hand=in_hand)
+            named = explained(error, arm, cell.readings.angles[cell.rows[rows]], inverse(seen) if in_hand else seen)
             contradiction = type(error)(f"{who}{error.problem}", hint=named.hint)
         if found is None:
             A = inverse(flange) if in_hand else flange

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -15,20 +16,19 @@ from truearm.acceptance import acceptance_remarks, accepts, contradict
 from truearm.arm import Arm
 from truearm.arm.rigid_motions import cross_matrix, inverse, motion
 from truearm.choices import ModelName
-from truearm.errors import InputError
+from truearm.errors import Contradiction, InputError
 from truearm.findings import Finding, format_mm, in_order
 from truearm.identification.judgement.change_point import session_changes
 from truearm.models.identified_model import require_identified
 from truearm.pages.drawings.page_record import PageRecord
 from truearm.readings import Session
-from truearm.readings.columns import FACTOR
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import FloatArray
-from truearm.verbs.fit import fit
+from truearm.typing import FloatArray, IntArray
+from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import format_fixed, number_of
 from truearm.wings.camera.closed_form import HandEyeAlone, refined
-from truearm.wings.camera.interpretation import OF_POSES, Interpretation, interpret
+from truearm.wings.camera.interpretation import OF_POSES, Interpretation, Remedies, all_together, interpret
 from truearm.wings.camera.mounts import HandEyeByImages, Transform, explained, of_alone, of_boards, of_cell, of_model
 from truearm.wings.camera.pose_files import Poses, Samples, Unit, checked_form, read_samples
 
@@ -142,32 +142,54 @@ def hand_eye(
     if moved.joints is not None:
         flange = _by_joints(moved, flange, known_arm, said)
     assert flange is not None
+
+    def judged(flange: Poses, remedies: Remedies = OF_POSES) -> Interpretation:
+        return interpret(
+            flange, board, eye_in_hand=in_hand, called=seen.called, board_size=board_size, remedies=remedies
+        )
+
+    fitted, seen_from, contradiction = None, None, None
     try:
-        found = interpret(flange, board, eye_in_hand=in_hand, called=seen.called, board_size=board_size)
-    except InputError as error:
+        found = judged(flange)
+    except Contradiction as error:
         if known_arm is None or moved.joints is None or not board.forms:
             raise
-        R = board.forms[board.form or next(iter(board.forms))]
-        at = motion(R.as_matrix(), FACTOR[board.unit or "mm"] * board.positions)
-        raise explained(error, known_arm, moved.joints, at, in_hand=in_hand) from None
-    alone = refined(found.A, found.C, found.start)
-    said += _ignored(found, alone, seen.called)
-    fitted, seen_from = None, None
+        found = all_together(flange, board, in_hand=in_hand, board_size=board_size)
+        seen_at = inverse(found.C) if in_hand else found.C
+        contradiction = explained(error, known_arm, moved.joints, seen_at)
     if moved.joints is None:
-        said += _moved_between(found, alone, in_hand, seen.called)
+        alone = refined(found.A, found.C, found.start)
+        said += [*_ignored(found, alone, seen.called), *_moved_between(found, alone, in_hand, seen.called)]
         camera, mounted = _without_arm(alone, in_hand, said)
     else:
         assert known_arm is not None
-        seen_from, centre = _session(found, moved.joints[found.rows[alone.rows]], alone.rows, in_hand)
-        if seen.lines is not None:
-            lines = np.array(seen.lines)[found.rows[alone.rows]]
-            seen_from = replace(seen_from, numbers=lines, by_line=True)
-        if len(seen_from) < FEWEST_TO_IDENTIFY and model == "kinematic":
-            model = "nominal"
+
+        def with_arm(found: Interpretation) -> tuple[HandEyeAlone, Session, FloatArray, FitResult]:
+            alone = refined(found.A, found.C, found.start)
+            readings, centre = _session(found, cast(FloatArray, moved.joints), seen.lines, alone.rows, in_hand)
+            kind: ModelName = "nominal" if len(readings) < FEWEST_TO_IDENTIFY and model == "kinematic" else model
+            equipped = _equipped(known_arm, alone.Y, alone.X, centre, in_hand)
+            with of_boards(OF_POSES):
+                return alone, readings, centre, fit(equipped, readings, model=kind, accept=accept, progress=progress)
+
+        try:
+            alone, seen_from, centre, fitted = with_arm(found)
+        except InputError as error:
+            raise contradiction or error from None
+        zeros = fitted.model.nominal_check_.identified
+        if fitted.identifies_constants and zeros and zeros.zeros and (contradiction or not found.test.agree.all()):
+            # Right images contradict an arm whose zeros are off: they are judged again by the zeros found. The size of
+            # such an arm is judged by the fit.
+            with suppress(InputError):
+                turned = _by_joints(moved, None, fitted.arm_with_zeros(), said)
+                found = judged(turned, replace(OF_POSES, of_others=False))
+                alone, seen_from, centre, fitted = with_arm(found)
+                contradiction = None
+        if contradiction is not None:
+            raise contradiction
+        said += _ignored(found, alone, seen.called)
+        if fitted.model_name == "nominal" and len(seen_from) < FEWEST_TO_IDENTIFY and model == "kinematic":
             said.append(f"{len(seen_from)} images are too few to identify the arm: {FEWEST_TO_IDENTIFY} or more do.")
-        equipped = _equipped(known_arm, alone.Y, alone.X, centre, in_hand)
-        with of_boards(OF_POSES):
-            fitted = fit(equipped, seen_from, model=model, accept=accept, progress=progress)
         identified = require_identified(fitted.model, "hand-eye needs an identified arm", hint="--model kinematic")
         camera, mounted = of_model(identified, eye_in_hand=in_hand, centre=centre)
     standing, carried = ("board", "camera") if in_hand else ("camera", "board")
@@ -329,19 +351,21 @@ def _other_frame(T: FloatArray, called: Callable[[int], str]) -> list[str]:
 
 
 def _session(
-    found: Interpretation, joints: FloatArray, rows: npt.NDArray[np.bool_], in_hand: bool
+    found: Interpretation, joints: FloatArray, lines: IntArray | None, rows: npt.NDArray[np.bool_], in_hand: bool
 ) -> tuple[Session, FloatArray]:
     """The poses as readings of a tip, and of a camera on the flange the point of its frame that is the tip [mm].
 
     That point is where the boards were: a rotation of the board by noise moves it least.
     """
-    C, centre = found.C[rows], np.zeros(3)
+    C, centre, used = found.C[rows], np.zeros(3), found.rows[rows]
     if in_hand:
         centre = C[:, :3, 3].mean(axis=0)
         C = inverse(C)
     points = C[:, :3, 3] + C[:, :3, :3] @ centre
     quaternion = Rotation.from_matrix(C[:, :3, :3]).as_quat(scalar_first=True)
-    return Session(joints, points=points, quaternion=quaternion), centre
+    numbers = used + 1 if lines is None else np.asarray(lines)[used]
+    by_line = lines is not None
+    return Session(joints[used], points=points, quaternion=quaternion, numbers=numbers, by_line=by_line), centre
 
 
 def _equipped(arm: Arm, Y: FloatArray, X: FloatArray, centre: FloatArray, in_hand: bool) -> Arm:

@@ -154,6 +154,9 @@ MISFIT, NO_FIT, BETTER = 0.1, 0.5, 4.0
 # Another size of the board is refused, or said, from these shares and standard deviations on.
 REFUSED_SIZE, SAID_SIZE = (0.05, 5.0), (0.003, 3.0)
 SAID_DEPTH = (0.01, 4.0)
+# Where positions miss each other by more than this share of their spread, as on printed arms, errors of the arm look
+# like a size or a depth of up to so many times that share.
+MISSED = (0.03, 2.0)
 # Distances of a board from a camera [mm]: of nearer and farther ones the unit is wrong.
 NEAREST_MM, FARTHEST_MM = 5.0, 5e4
 LEAST_IMAGES = 4
@@ -263,6 +266,13 @@ class _Way:
     board: Rotation
     test: TurnTest
 
+    @classmethod
+    def stated(cls, robot: Poses, board: Poses) -> _Way:
+        """In the forms that are stated, or else the first."""
+        of_robot, of_board = (one.form or next(iter(one.forms)) for one in (robot, board))
+        R, C = robot.forms[of_robot], board.forms[of_board]
+        return cls(of_robot, of_board, R, C, TurnTest.of(R, C))
+
     @property
     def forms(self) -> tuple[str, str]:
         """Of robot and board."""
@@ -356,6 +366,13 @@ def interpret(
     return Interpretation(np.flatnonzero(agree), A, C, way.test, start, tuple(sentences))
 
 
+def all_together(robot: Poses, board: Poses, *, in_hand: bool, board_size: float) -> Interpretation:
+    """Poses as they are stated, whether they contradict each other or not."""
+    way = _Way.stated(robot, board)
+    A, C = way.motions(_positions_mm(robot, "robot"), board_size * _positions_mm(board, "board"), in_hand)
+    return Interpretation(np.arange(len(A)), A, C, way.test, closed_form(A, C, sized=False), ())
+
+
 def _positions_mm(poses: Poses, of: str) -> FloatArray:
     if poses.unit is None:
         option = "--unit" if of == "board" else "--robot-unit"
@@ -376,8 +393,7 @@ def _ways(
     stated = [{one.form: one.forms[one.form]} if one.form else one.forms for one in (robot, board)]
     if found := _passing(*stated):
         return found
-    first = [next(iter(one.items())) for one in stated]
-    way = _Way(first[0][0], first[1][0], first[0][1], first[1][1], TurnTest.of(first[0][1], first[1][1]))
+    way = _Way.stated(robot, board)
     problem = (
         f"robot and camera turn differently: {way.test.agree.sum()} of {len(way.test.agree)} images agree with each "
         "other"
@@ -386,7 +402,7 @@ def _ways(
         words, options = _named(other[0], robot, board)
         contradict(InputError(f"{problem}; read as {words} they agree", hint=options))
         return other
-    if (shift := shifted(first[0][1], first[1][1])) is not None:
+    if (shift := shifted(way.robot, way.board)) is not None:
         problem += f"; with the images {number_of(abs(shift), 'row')} {'earlier' if shift > 0 else 'later'} they agree"
         alone, missing = ("image", "pose") if shift > 0 else ("pose", "image")
         ends = f"the first {alone} has" if abs(shift) == 1 else f"the first {abs(shift)} {alone}s have"
@@ -503,11 +519,12 @@ def _check_turning(A: FloatArray, eye_in_hand: bool) -> None:
 
 def _size(start: ClosedForm, spread: float, remedies: Remedies) -> list[str]:
     """What positions say of the board's size and of the focal length; a fit of images finds both itself."""
-    off, std = abs(start.size - 1), max(start.size_std, 1e-12)
-    if start.rms_mm > MISFIT * spread:
+    off, std, missed = abs(start.size - 1), max(start.size_std, 1e-12), start.rms_mm / spread
+    least = MISSED[1] * missed if missed > MISSED[0] else 0.0
+    if missed > MISFIT:
         return []
     u = f"{start.size:.4g} (u {start.size_std:.1g})"
-    if is_refused := off > REFUSED_SIZE[0] and off > REFUSED_SIZE[1] * std:
+    if is_refused := off > max(REFUSED_SIZE[0], REFUSED_SIZE[1] * std, least):
         factor = next((one for one in (1e3, 1e-3) if abs(start.size / one - 1) < 0.2), None)
         unit = "" if factor is None else ": mm taken for m, or m for mm"
         hint = remedies.sized.format(size=f"{factor or start.size:.4g}")
@@ -515,11 +532,11 @@ def _size(start: ClosedForm, spread: float, remedies: Remedies) -> list[str]:
     if not remedies.of_others:
         return []
     sentences = []
-    if not is_refused and off > SAID_SIZE[0] and off > SAID_SIZE[1] * float(np.hypot(std, LENGTHS)):
+    if not is_refused and off > max(SAID_SIZE[0], SAID_SIZE[1] * float(np.hypot(std, LENGTHS)), least):
         sentences.append(
             f"The arm's lengths say that the board is {u} times as large as its poses have it: measure its squares."
         )
-    if abs(start.depth - 1) > SAID_DEPTH[0] and abs(start.depth - 1) > SAID_DEPTH[1] * start.depth_std:
+    if abs(start.depth - 1) > max(SAID_DEPTH[0], SAID_DEPTH[1] * start.depth_std, least):
         sentences.append(
             f"Distances along the camera's axis are {start.depth:.4g} (u {start.depth_std:.1g}) of those across it: "
             "the focal length is wrong, or of another resolution."

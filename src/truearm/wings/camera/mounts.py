@@ -103,12 +103,12 @@ class Transform:
         }
 
 
-def explained(error: InputError, arm: Arm, angles: FloatArray, seen: FloatArray, *, in_hand: bool) -> InputError:
+def explained(error: InputError, arm: Arm, angles: FloatArray, moved: FloatArray) -> InputError:
     """What robot and camera contradict each other by, with what is wrong of arm or joints, if that is it, as a remedy.
 
-    By the positions of the boards in the camera, or of a camera on the flange in the boards (n, 4, 4).
+    By the poses (n, 4, 4) of what moves: of the board in the camera, or of a camera on the flange in the board.
     """
-    moved, hint = inverse(seen) if in_hand else seen, error.hint or ""
+    hint = error.hint or ""
     if not hint.startswith((PAIRED, IS_FIXED, MEASURE)):
         return error
     remedy = explain_readings(arm, Session(angles, moved[:, :3, 3]))
