@@ -251,6 +251,12 @@ class Posterior:
         covariance[np.ix_(self.active, self.active)] = own
         return covariance
 
+    def times(self, vector: FloatArray) -> FloatArray:
+        """(p,) the covariance times a vector (p,)."""
+        out = np.zeros(len(self.x))
+        out[self.active] = self.root.T @ (self.root @ vector[self.active])
+        return out
+
     def block(self, rows: IntArray) -> FloatArray:
         """(m, m) covariance of some of the active parameters, in increasing order."""
         own = self.root[:, np.searchsorted(self.active, rows)]

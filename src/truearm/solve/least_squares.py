@@ -154,6 +154,49 @@ def accelerated_step(
     return Trial(x + step, cost, predicted, _is_tiny(step, x))
 
 
+def step_in_valley(
+    rows: Callable[[FloatArray], FloatArray],
+    solve: Callable[[FloatArray], FloatArray],
+    x: FloatArray,
+    step: FloatArray,
+    here: FloatArray,
+    there: FloatArray,
+) -> FloatArray:
+    """The best step in the plane of a Gauss-Newton step and of its geodesic acceleration.
+
+    Where a valley of the cost bends, the step leads out of it, and so may the step with the whole acceleration, see
+    `accelerated_step`. In t steps and u accelerations the residuals are taken for ``r + b t + c t^2 + e u + f t u``, as
+    where parameters multiply each other; the sum of their squares is a polynomial.
+
+    Parameters
+    ----------
+    rows : callable
+        Residuals (m,) at a point (p,), with those of priors.
+    solve : callable
+        ``(J^T J)^-1 J^T`` of residuals (m,) at `x`, (p,).
+    x, step : (p,) array
+        The point and its Gauss-Newton step.
+    here, there : (m,) array
+        Residuals at `x` and ``x + step``.
+    """
+    from scipy.optimize import minimize  # slow to import, and most steps need no bend
+
+    back = rows(x - step)
+    curved = (there + back) / 2 - here
+    bend = -solve(curved)
+    along = rows(x + bend) - here
+    across = rows(x + step + bend) - there - along
+    coefficients = np.array([here, (there - back) / 2, curved, along, across])
+    gram = coefficients @ coefficients.T
+
+    def cost(shares: FloatArray) -> tuple[float, FloatArray]:
+        t, u = shares
+        powers, by_shares = np.array([1, t, t * t, u, t * u]), np.array([[0, 1, 2 * t, 0, u], [0, 0, 0, 1, t]])
+        return 0.5 * float(powers @ gram @ powers), by_shares @ gram @ powers
+
+    return np.asarray(minimize(cost, [1.0, 0.5], jac=True, method="BFGS").x @ np.array([step, bend]))
+
+
 def _is_tiny(step: FloatArray, x: FloatArray) -> bool:
     return bool(np.linalg.norm(step) <= LAST_DIGITS * np.linalg.norm(x))
 

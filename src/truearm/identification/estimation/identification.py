@@ -153,6 +153,7 @@ def _converge(rounds: Rounds, progress: Callable[[int, str], None] | None) -> in
         rounds.improve()
         if rounds.converged:
             break
+    rounds.weigh()  # at the final parameters
     return n_rounds
 
 

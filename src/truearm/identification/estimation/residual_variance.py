@@ -340,10 +340,9 @@ class VarianceFunction:
     def share(self, angles: npt.ArrayLike) -> FloatArray:
         """(n,) shares at angles (n, n_joints) [rad, or mm]; at least 1 far from the readings of the estimation."""
         angles = np.asarray(angles, dtype=float)
-        features = _features(angles, self.centre, self.spread)
-        share = np.exp(features @ self._coefficients) / self.mean
-        beyond = (np.abs(angles - self.centre) > BEYOND * self.spread).any(axis=1)
-        share = np.maximum(share, beyond)
+        z = (angles - self.centre) / self.spread
+        share = np.exp(_features(z) @ self._coefficients) / self.mean
+        share = np.maximum(share, (np.abs(z) > BEYOND).any(axis=1))
         return np.asarray(share if self.beyond is None else share * self.beyond.factor(angles))
 
 
@@ -367,7 +366,7 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
     at = angles[held_out.rows]
     centre, scatter = at.mean(axis=0), at.std(axis=0)
     spread = np.where(scatter > LEAST_SCATTER, scatter, 1.0)
-    features = _features(at, centre, spread)
+    features = _features((at - centre) / spread)
     features[:, np.tile(scatter <= LEAST_SCATTER, 2)] = 0.0
     deviance = _posterior(held_out, features)
     x, precision = np.zeros(1 + 2 * n_joints), COEFFICIENT_STD**-2
@@ -383,8 +382,8 @@ def fit_variance_function(held_out: HeldOutReadings, angles: FloatArray) -> Vari
     return VarianceFunction(centre, spread, coefficients[:n_joints], coefficients[n_joints:], mean)
 
 
-def _features(angles: FloatArray, centre: FloatArray, spread: FloatArray) -> FloatArray:
-    z = np.minimum(np.maximum((angles - centre) / spread, -FARTHEST), FARTHEST)
+def _features(z: FloatArray) -> FloatArray:
+    z = np.minimum(np.maximum(z, -FARTHEST), FARTHEST)
     return np.concatenate([z, z**2 - 1], axis=1)
 
 

@@ -28,10 +28,10 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, huber_weights, paule_mandel_variance
 from truearm.identification.references.prepared_readings import residual_variance, tip_motions
-from truearm.identification.references.references import Reference
+from truearm.identification.references.references import Points, Reference
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
-from truearm.solve.group_evidence import GroupedEquations, GroupedPrior
-from truearm.solve.least_squares import damped_step
+from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, LowRankPosterior, Posterior
+from truearm.solve.least_squares import damped_step, step_in_valley
 from truearm.solve.least_squares_problem import KnownStep, StepHalving
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
@@ -53,6 +53,8 @@ MOST_SURPRISE = 25.0
 # Angles with few digits are rounded unless residuals are more probable of exact ones by these odds: where noise hides
 # it, both are nearly as probable, and the larger uncertainty is the safe one.
 EXACT_ODDS = 20.0
+# A step that lowers the cost by a smaller share of what its matrix predicts leads along a valley that bends.
+LEAST_GAIN = 0.7
 # The problem is set up again without pruned terms if no larger share of the parameters remains.
 MOST_ACTIVE = 0.7
 
@@ -181,7 +183,7 @@ class Rounds:
             x = np.where(self.prior.active, x, 0.0)
             self.residuals = problem.residuals(x)
         step, before = reduced.step(found.posterior.x - x[reduced.kept]), self._moved_by
-        moved_by = self._take(step, whole.times(step), x, reduced.n_determined)
+        moved_by = self._take(step, whole.times(step), x, reduced.n_determined, found.posterior)
         with one_blas_thread():
             self._per_reference = _effective_numbers(reduced, parts, found)
         is_small = moved_by < SETTLED_STEP or (before > 0 and moved_by**2 / before < SETTLED_NEXT)
@@ -203,8 +205,15 @@ class Rounds:
         rounds = scale_rounds(len(reduced.kept), self.n_residuals, is_first=first, is_calm=calm)
         return weigh_evidence(equations, reduced.kept, self.prior, prunable, rounds=rounds)
 
-    def _take(self, step: FloatArray, along: FloatArray, x: FloatArray, n_determined: float) -> float:
-        """Take a step, shorter where steps turn back and do not shrink.
+    def _take(
+        self,
+        step: FloatArray,
+        along: FloatArray,
+        x: FloatArray,
+        n_determined: float,
+        posterior: Posterior | LowRankPosterior,
+    ) -> float:
+        """Take a step, shorter where steps turn back and do not shrink, and bent where residuals do.
 
         Returns its full size as a share of the parameters' uncertainty. `along` is the Gauss-Newton matrix times the
         step.
@@ -215,8 +224,38 @@ class Rounds:
         self._share = max(self._share / 2, 0.1) if self.calm >= 2 and back else min(1.5 * self._share, 1.0)
         self._step, self._moved_by = step, moved_by
         cost, halving = _cost(self.problem, self.weights, self.prior), StepHalving(self._share, MAX_HALVINGS)
-        self.x, self.residuals = take_step(self.problem, x, self.residuals, step, cost, halving)
+        here, before = self.residuals, cost(x, self.residuals)
+        self.x, self.residuals = take_step(self.problem, x, here, step, cost, halving)
+        active, after = self.prior.active, cost(self.x, self.residuals)
+        predicted = 0.5 * float(step @ along + self.prior.precision[active] @ step[active] ** 2)
+        is_bent = self._share == 1 and before - after < LEAST_GAIN * predicted
+        if is_bent and isinstance(posterior, Posterior):
+            there = self._in_valley(x, here, step, posterior)
+            residuals = self.problem.residuals(there)
+            if cost(there, residuals) < after:
+                self.x, self.residuals = there, residuals
         return moved_by
+
+    def _in_valley(self, x: FloatArray, here: list[FloatArray], step: FloatArray, posterior: Posterior) -> FloatArray:
+        """The point to which `step_in_valley` leads; of points alone, else that of the whole step."""
+        problem, (points, *others) = self.problem, self.problem.references
+        if others or not isinstance(points, Points):
+            return x + step
+        weights, active, state = self.weights[0], self.prior.active, problem.state.rows(points.rows)
+        root = np.sqrt(self.prior.precision[active])
+
+        def rows(at: FloatArray, residuals: list[FloatArray] | None = None) -> FloatArray:
+            of_points = weights * (residuals or problem.residuals(at))[0]
+            return np.concatenate([of_points.ravel(), root * at[active]])
+
+        def solve(bent: FloatArray) -> FloatArray:
+            pulls = weights * bent[: weights.size].reshape(weights.shape)
+            return posterior.times(problem.perturbed_chain.gradient(state, x, pulls))
+
+        end = x + step
+        was_taken = np.array_equal(self.x, end)
+        with one_blas_thread():
+            return x + step_in_valley(rows, solve, x, step, rows(x, here), rows(end, self.residuals if was_taken else None))
 
     def _drop_pruned(self) -> None:
         """Set up the problem without pruned terms, where these are many."""

@@ -31,6 +31,7 @@ from truearm.identification.terms.expression import (
     of_joint,
     plain,
     torque_about,
+    torques_on_base,
 )
 from truearm.identification.terms.state import ArmState
 from truearm.typing import FloatArray
@@ -467,15 +468,15 @@ class GravityTorque(Basis):
     def together(cls, bases: Sequence[Self]) -> Callable[[ArmState], FloatArray]:
         """Torques of all joints from the loads at once."""
         places = np.array([3 * (basis.joint - 1) + basis.axis for basis in bases], dtype=np.intp)
-        on_base = [(row, basis) for row, basis in enumerate(bases) if basis.joint == 0]
-        last = max(basis.joint for basis in bases)
+        on_base = np.array([row for row, basis in enumerate(bases) if basis.joint == 0], dtype=np.intp)
+        axes, last = [bases[row].axis for row in on_base], max(basis.joint for basis in bases)
 
         def values(state: ArmState) -> FloatArray:
             if last > state.angles.shape[1]:
                 of_joint(state.angles, last)  # which refuses it
             found: FloatArray = state.gravity_torques.reshape(len(state), -1).T[places]
-            for row, basis in on_base:
-                found[row] = basis.values(state)[0]
+            if len(on_base):
+                found[on_base] = torques_on_base(state, state.gravity_torques).T[axes]
             return found
 
         return values

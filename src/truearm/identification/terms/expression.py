@@ -60,12 +60,17 @@ def torque_about(state: ArmState, torques: FloatArray, joint: int, axis: int) ->
     if joint > 0:
         of_joint(state.angles, joint)  # which refuses a joint beyond the last
         return np.ascontiguousarray(torques[:, joint - 1, axis])
-    torque = torques[:, 0]
-    if axis == 2 or state.chain.is_prismatic[0]:
-        return np.ascontiguousarray(torque[:, axis])
-    cos, sin = np.cos(state.joint_angles[:, 0]), np.sin(state.joint_angles[:, 0])
-    x, y = torque[:, 0], torque[:, 1]
-    return np.asarray(cos * x - sin * y if axis == 0 else sin * x + cos * y)
+    return np.ascontiguousarray(torques_on_base(state, torques)[:, axis])
+
+
+def torques_on_base(state: ArmState, torques: FloatArray) -> FloatArray:
+    """(n, 3) torques of joint 1 on the base, about the axes of place 0."""
+    on_base = torques[:, 0].copy()
+    if not state.chain.is_prismatic[0]:
+        turn, x, y = state.joint_angles[:, 0], torques[:, 0, 0], torques[:, 0, 1]
+        cos, sin = np.cos(turn), np.sin(turn)
+        on_base[:, 0], on_base[:, 1] = cos * x - sin * y, sin * x + cos * y
+    return on_base
 
 
 def _payload_torque(state: ArmState, joint: int, axis: int, from_kg: float) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -203,21 +204,24 @@ def gravity_loads(
     q = np.ascontiguousarray(chain.joint_angles(np.asarray(angles, dtype=float)).T)
     slides = chain.is_prismatic.tolist()
     turn = np.where(chain.is_prismatic[:, None], 0.0, q) if any(slides) else q
-    force = np.empty((len(q), 3, q.shape[1]))
-    outward, inward = _steps(chain, *cos_sin(turn))
-    # From the base to the last joint: gravity along the axes of each place.
-    along = np.repeat(gravity[:, None], q.shape[1], axis=1)
-    for i in range(chain.n_joints):
-        force[i] = along = outward(i, along)
-    # And back: the sum of m (c - o_i) over the links outward, along the same axes [kg mm].
     mass_outward, local = _fixed_moments(chain, links)
-    first_moments, first_moment = np.empty_like(force), np.zeros((3, q.shape[1]))
-    for i in reversed(range(chain.n_joints)):
-        first_moment += local[i, :, None]
-        first_moments[i] = first_moment
-        if slides[i]:  # a prismatic joint has moved its place off the end of the link
-            first_moment[2] += mass_outward[i] * q[i]
-        first_moment = inward(i, first_moment)
+    if q.shape[1] == 1 and not any(slides):
+        force, first_moments = _along_places(chain.fixed[:-1, :3, :3] @ turn_matrices(*cos_sin(turn)), gravity, local)
+    else:
+        force, first_moments = np.empty((2, len(q), 3, q.shape[1]))
+        outward, inward = _steps(chain, *cos_sin(turn))
+        # From the base to the last joint: gravity along the axes of each place.
+        along = np.repeat(gravity[:, None], q.shape[1], axis=1)
+        for i in range(chain.n_joints):
+            force[i] = along = outward(i, along)
+        # And back: the sum of m (c - o_i) over the links outward, along the same axes [kg mm].
+        first_moment = np.zeros((3, q.shape[1]))
+        for i in reversed(range(chain.n_joints)):
+            first_moment += local[i, :, None]
+            first_moments[i] = first_moment
+            if slides[i]:  # a prismatic joint has moved its place off the end of the link
+                first_moment[2] += mass_outward[i] * q[i]
+            first_moment = inward(i, first_moment)
     torque = cross(first_moments.transpose(1, 0, 2), force.transpose(1, 0, 2))
     torque *= 1e-3  # mm to m
     force *= mass_outward[:, None, None]
@@ -235,6 +239,19 @@ def _fixed_moments(chain: Chain, links: LinkMasses) -> tuple[FloatArray, FloatAr
     return mass_outward, (mass_outward - links.mass_kg)[:, None] * vectors[1:] + own
 
 
+def _along_places(R: FloatArray, gravity: FloatArray, local: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gravity and the first moments outward of each place (n_joints, 3, 1) along its axes, of a single pose.
+
+    By products of all places, of the turns (n_joints, 3, 3) from one to the next and the moments fixed in them: the
+    number of operations counts.
+    """
+    for before, own in pairwise(R):
+        own[:] = before.dot(own)
+    outward = (R @ local[:, :, None])[::-1].cumsum(axis=0)[::-1]
+    back = R.transpose(0, 2, 1)
+    return back @ gravity[:, None], back @ outward
+
+
 _Step = Callable[[int, FloatArray], FloatArray]
 
 
@@ -244,9 +261,6 @@ def _steps(chain: Chain, cos: FloatArray, sin: FloatArray) -> tuple[_Step, _Step
     They come from, and go back to, the axes of the place before it, or of the base frame.
     """
     fixed = chain.fixed[:-1, :3, :3]
-    if cos.shape[1] == 1:
-        single = fixed @ turn_matrices(cos, sin)
-        return (lambda i, v: single[i].T.dot(v)), (lambda i, v: single[i].dot(v))
     return (
         lambda i, v: _about_z(fixed[i].T.dot(v), cos[i], -sin[i]),
         lambda i, v: fixed[i].dot(_about_z(v, cos[i], sin[i])),
