@@ -58,6 +58,7 @@ def test_one_parameter_one_round():
     found = posterior(gram, right, prior)
     assert found.x == pytest.approx([2.0])
     assert found.variance == pytest.approx([0.25])
+    assert found.times(np.array([8.0])) == pytest.approx([2.0])
     scale, effective = update_scales(prior, found, **FREE)
     assert effective == pytest.approx([0.75])
     assert scale**2 == pytest.approx([16 / 3])

@@ -17,6 +17,7 @@ from truearm.solve.least_squares import (
     gauss_newton,
     levenberg_marquardt,
     levenberg_marquardt_by_row,
+    step_in_valley,
 )
 from truearm.solve.least_squares_problem import (
     DenseProblem,
@@ -348,6 +349,31 @@ def test_bending_saves_epochs_in_a_narrow_valley():
     plain, bent = (levenberg_marquardt(rosenbrock(), [-1.2, 1.0], acceleration=way) for way in (None, bending))
     np.testing.assert_allclose(bent.x, [1, 1], atol=1e-6)
     assert bent.epochs < plain.epochs
+
+
+def test_the_best_step_of_a_plane_ends_at_the_minimum_of_a_valley_of_second_order():
+    """Of Rosenbrock's valley; the Gauss-Newton step leads out of it, from a cost of 12 to one of 1,171."""
+    valley, x = rosenbrock(), np.array([-1.2, 1.0])
+    J = valley.jacobian(x)
+    step = -np.linalg.solve(J, valley.residuals(x))
+    assert 0.5 * (valley.residuals(x + step) ** 2).sum() == pytest.approx(1171.28)
+    bent = step_in_valley(
+        valley.residuals,
+        lambda right: np.linalg.solve(J, right),
+        x,
+        step,
+        valley.residuals(x),
+        valley.residuals(x + step),
+    )
+    np.testing.assert_allclose(x + bent, [1, 1], atol=1e-4)  # the tolerance of the gradient, 1e-5 of 200 a unit
+
+
+def test_the_best_step_of_a_straight_plane_is_the_step(rng):
+    J, r, x = rng.normal(size=(9, 4)), rng.normal(size=9), rng.normal(size=4)
+    solve = np.linalg.pinv(J).dot
+    step = -solve(r + J @ x)
+    bent = step_in_valley(lambda at: r + J @ at, solve, x, step, r + J @ x, r + J @ (x + step))
+    np.testing.assert_allclose(bent, step, atol=1e-6)
 
 
 def dense(problem, **options):

@@ -134,6 +134,10 @@ def test_gravity_loads_are_sums_over_the_links_outward(chain):
         np.testing.assert_allclose(loads.torque_in_joint[:, i], np.einsum("nab,na->nb", R, torque), atol=1e-11)
         force = links.mass_kg[i:].sum() * np.einsum("nab,a->nb", R, g)
         np.testing.assert_allclose(loads.force_in_joint[:, i], force, atol=1e-12)
+    for row, pose in enumerate(q):
+        alone = gravity_loads(chain, [pose], links, gravity_in_base=g)
+        np.testing.assert_allclose(alone.torque_in_joint[0], loads.torque_in_joint[row], atol=1e-11)
+        np.testing.assert_allclose(alone.force_in_joint[0], loads.force_in_joint[row], atol=1e-12)
 
 
 def test_no_uncertain_coefficient_gives_no_covariance(result):

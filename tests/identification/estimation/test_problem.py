@@ -151,6 +151,17 @@ def test_a_sum_of_derivatives_along_vectors_is_that_of_all_derivatives(rng):
     np.testing.assert_allclose(chain.gradient(state, x, pulls), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+def test_changes_of_tips_are_those_by_differences(rng):
+    problem, x, _ = everything(4, n=FEW + 20)
+    chain, state = problem.perturbed_chain, problem.state
+    x = x[: chain.n_coefficients]
+    step = 1e-4 * x * rng.normal(size=len(x))
+    quotient = (chain.tips(state, x + step) - chain.tips(state, x - step)) / 2
+    # A part in 1e7 is of third order in steps of 1e-4 of usual motions; rounding leaves 1e-12 mm.
+    atol = 1e-7 * np.abs(quotient).max() + 1e-11
+    np.testing.assert_allclose(chain.tip_changes(state, x, step), quotient.T, rtol=0, atol=atol)
+
+
 def test_relations_are_those_of_a_dense_jacobian_by_differences():
     problem, x, _ = everything(3)
 

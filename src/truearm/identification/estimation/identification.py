@@ -153,7 +153,6 @@ def _converge(rounds: Rounds, progress: Callable[[int, str], None] | None) -> in
         rounds.improve()
         if rounds.converged:
             break
-    rounds.weigh()  # at the final parameters
     return n_rounds
 
 
@@ -298,10 +297,9 @@ def _result(
     rounds: Rounds, offered: dict[str, int], state: ArmState, n_rounds: int, about: IdentificationResult | None
 ) -> IdentificationResult:
     """The result of all rounds, with the covariance at the final parameters where none about an arm is asked for."""
-    problem, n_residuals = rounds.problem, rounds.n_residuals
-    noise = np.sqrt(rounds.noise)
+    problem, n_residuals, noise_std = rounds.problem, rounds.n_residuals, float(np.sqrt(rounds.noise.min()))
     prior = with_uncertain_scales(rounds.prior, rounds.effective)
-    prior = without_negligible(prior, problem.perturbed_chain, state, float(noise.min()), n_residuals)
+    prior = without_negligible(prior, problem.perturbed_chain, state, noise_std, n_residuals)
     effective = np.where(prior.scale > 0, rounds.effective, 0.0)
     x = np.where(prior.active, rounds.x, 0.0)
     residuals = rounds.residuals if (x == rounds.x).all() else problem.residuals(x)
@@ -318,7 +316,9 @@ def _result(
             TermGroupResult(name, n, float(effective[i]), float(prior.scale[i]))
             for i, (name, n) in enumerate(offered.items())
         ),
-        reference_fits(problem, x, residuals, noise, rounds.robust_weights, [np.sqrt(of.T) for of in rounds.known]),
+        reference_fits(
+            problem, x, residuals, np.sqrt(rounds.noise), rounds.robust_weights, [np.sqrt(of.T) for of in rounds.known]
+        ),
         rounds.converged,
         n_rounds,
     )
@@ -326,7 +326,10 @@ def _result(
 
 @one_blas_thread()
 def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> FloatArray:
-    """Posterior covariance of the parameters at `x`, by the last linearisation where it still holds there."""
+    """Posterior covariance of the parameters at `x`, by the last linearisation where it still holds there.
+
+    Else noise and weights are those of the residuals there too.
+    """
 
     def posterior(reduced: SchurComplement) -> FloatArray:
         equations = grouped_equations(reduced, x, rounds.n_residuals)
@@ -336,6 +339,7 @@ def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> FloatArra
         covariance = posterior(rounds.reduced)
         if _has_same_uncertainty(rounds, x, covariance):
             return covariance
+    rounds.weigh()
     return posterior(eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x))
 
 

@@ -244,18 +244,19 @@ class Rounds:
         weights, active, state = self.weights[0], self.prior.active, problem.state.rows(points.rows)
         root = np.sqrt(self.prior.precision[active])
 
-        def rows(at: FloatArray, residuals: list[FloatArray] | None = None) -> FloatArray:
-            of_points = weights * (residuals or problem.residuals(at))[0]
-            return np.concatenate([of_points.ravel(), root * at[active]])
+        def white(at: FloatArray, residuals: list[FloatArray]) -> FloatArray:
+            return np.concatenate([(weights * residuals[0]).ravel(), root * at[active]])
 
         def solve(bent: FloatArray) -> FloatArray:
             pulls = weights * bent[: weights.size].reshape(weights.shape)
             return posterior.times(problem.perturbed_chain.gradient(state, x, pulls))
 
         end = x + step
-        was_taken = np.array_equal(self.x, end)
+        there = self.residuals if np.array_equal(self.x, end) else problem.residuals(end)
         with one_blas_thread():
-            return x + step_in_valley(rows, solve, x, step, rows(x, here), rows(end, self.residuals if was_taken else None))
+            return x + step_in_valley(
+                lambda at: white(at, problem.residuals(at)), solve, x, step, white(x, here), white(end, there)
+            )
 
     def _drop_pruned(self) -> None:
         """Set up the problem without pruned terms, where these are many."""

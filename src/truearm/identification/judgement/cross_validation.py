@@ -643,7 +643,7 @@ def _at_minimum(fit: IdentificationResult, problem: SmallMotionProblem, parts: l
         return parts
     chain, x = problem.perturbed_chain, fit.coefficients
     states = [problem.state.rows(part.reference_fit.rows) for part in parts]
-    gradient = x / fit.prior_std**2
+    gradient = np.divide(x, fit.prior_std**2, out=np.zeros(len(x)), where=fit.prior_std > 0)
     for state, part in zip(states, parts, strict=True):
         gradient += chain.gradient(state, x, np.einsum("kcm,mk->cm", part.linear.by_tip, part.residuals))
     step, found = -fit.covariance @ gradient, []
