@@ -30,7 +30,7 @@ from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.solve.arrowhead import SchurComplement
-from truearm.solve.group_evidence import GroupedPrior
+from truearm.solve.group_evidence import GroupedPrior, LowRankPosterior, Posterior
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
@@ -267,7 +267,7 @@ def linearised_about(
         n_residuals = sum(part.residuals.size for part in result.references)
         found = grouped_equations(reduced, x, n_residuals).posterior(prior.subset(reduced.kept))
     n = len(result.coefficients)
-    return replace(result, coefficients=found.x[:n], covariance=found.covariance[:n, :n])
+    return replace(result, coefficients=found.x[:n], covariance=found.covariance[:n, :n], remaining_step=None)
 
 
 def with_few_changed(
@@ -303,7 +303,7 @@ def _result(
     effective = np.where(prior.scale > 0, rounds.effective, 0.0)
     x = np.where(prior.active, rounds.x, 0.0)
     residuals = rounds.residuals if (x == rounds.x).all() else problem.residuals(x)
-    covariance = _covariance(rounds, x, prior) if about is None else np.zeros((len(x), len(x)))
+    covariance, step = _covariance(rounds, x, prior) if about is None else (np.zeros((len(x), len(x))), None)
     perturbed_chain, groups = problem.perturbed_chain, list(offered)
     kept = tuple(term for term in perturbed_chain.terms if prior.scale[groups.index(term.group)] > 0)
     active = np.flatnonzero(prior.active[: perturbed_chain.n_coefficients])
@@ -321,26 +321,29 @@ def _result(
         ),
         rounds.converged,
         n_rounds,
+        remaining_step=None if step is None else step[active],
     )
 
 
 @one_blas_thread()
-def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> FloatArray:
+def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> tuple[FloatArray, FloatArray | None]:
     """Posterior covariance of the parameters at `x`, by the last linearisation where it still holds there.
 
-    Else noise and weights are those of the residuals there too.
+    Else noise and weights are those of the residuals there too, and the step to the minimum is known.
     """
 
-    def posterior(reduced: SchurComplement) -> FloatArray:
+    def posterior(reduced: SchurComplement) -> Posterior | LowRankPosterior:
         equations = grouped_equations(reduced, x, rounds.n_residuals)
-        return equations.posterior(prior.subset(reduced.kept)).covariance
+        return equations.posterior(prior.subset(reduced.kept))
 
     if _is_near(rounds, x):
-        covariance = posterior(rounds.reduced)
+        covariance = posterior(rounds.reduced).covariance
         if _has_same_uncertainty(rounds, x, covariance):
-            return covariance
+            return covariance, None
     rounds.weigh()
-    return posterior(eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x))
+    reduced = eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x)
+    found = posterior(reduced)
+    return found.covariance, reduced.step(found.x - x[reduced.kept])
 
 
 def _is_near(rounds: Rounds, x: FloatArray) -> bool:

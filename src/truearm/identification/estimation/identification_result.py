@@ -246,6 +246,9 @@ class IdentificationResult:
     repeatability_covariance : (n_coefficients, n_coefficients) array, optional
         The posterior covariance under repeatability conditions (JCGM 200:2012, 2.20): on the day of the readings, in
         their set-up. `covariance` is then that of any day. None where the two are one.
+    remaining_step : (n_coefficients,) array, optional
+        To the minimum of the linearisation at the coefficients, of which the last round stopped short; None where that
+        is not known, or nothing.
     """
 
     perturbed_chain: PerturbedChain
@@ -257,6 +260,7 @@ class IdentificationResult:
     converged: bool
     rounds: int
     repeatability_covariance: FloatArray | None = None
+    remaining_step: FloatArray | None = None
 
     @cached_property
     def chain(self) -> Chain:
@@ -285,6 +289,7 @@ class IdentificationResult:
             repeatability_covariance=None
             if (same := self.repeatability_covariance) is None
             else same[np.ix_(kept, kept)],
+            remaining_step=None if (step := self.remaining_step) is None else step[kept],
         )
 
     def under_repeatability_conditions(self) -> IdentificationResult:

@@ -333,7 +333,8 @@ class _Minimum:
                 )
             )
         root = fit.covariance_root
-        found = found if u else _at_minimum(fit, problem, found)
+        if fit.remaining_step is not None and not u and all(part.linear.by_turn is None for part in found):
+            found = _at_minimum(fit, problem, fit.remaining_step, found)
         return cls(problem, x, root, slope, root.times_matrix(slope.T), found)
 
     @property
@@ -633,23 +634,19 @@ def _placed(pieces: Iterator[_Piece]) -> Iterator[tuple[_Piece, slice]]:
         start += len(piece.spread)
 
 
-def _at_minimum(fit: IdentificationResult, problem: SmallMotionProblem, parts: list[_Whitened]) -> list[_Whitened]:
+def _at_minimum(
+    fit: IdentificationResult, problem: SmallMotionProblem, step: FloatArray, parts: list[_Whitened]
+) -> list[_Whitened]:
     """References without unknowns, with residuals by the linearisation at its minimum.
 
-    Identifications end a small step before it. Along what only some of the readings determine, the rest of the
-    gradient would count as what these pull, and the arm without them would move by many times that step.
+    Along what only some of the readings determine, the rest of the gradient would count as what these pull, and the arm
+    without them would move by many times the step that is left.
     """
-    if any(part.linear.by_turn is not None for part in parts):
-        return parts
-    chain, x = problem.perturbed_chain, fit.coefficients
-    states = [problem.state.rows(part.reference_fit.rows) for part in parts]
-    gradient = np.divide(x, fit.prior_std**2, out=np.zeros(len(x)), where=fit.prior_std > 0)
-    for state, part in zip(states, parts, strict=True):
-        gradient += chain.gradient(state, x, np.einsum("kcm,mk->cm", part.linear.by_tip, part.residuals))
-    step, found = -fit.covariance @ gradient, []
-    for state, part in zip(states, parts, strict=True):
-        change = np.einsum("kcm,cm->mk", part.linear.by_tip, chain.tip_changes(state, x, step))
-        residuals = part.residuals + change
+    found = []
+    for part in parts:
+        state = problem.state.rows(part.reference_fit.rows)
+        tips = problem.perturbed_chain.tip_changes(state, fit.coefficients, step)
+        residuals = part.residuals + np.einsum("kcm,cm->mk", part.linear.by_tip, tips)
         found.append(replace(part, residuals=residuals, linear=part.linear._replace(residuals=residuals.T)))
     return found
 
