@@ -14,12 +14,15 @@ import tarfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
+from scipy.linalg.blas import dtrmm
 
 from benchmarks.rows import BLAS_THREADS, ROOT, RowResult, Rows, Target, scratch
 from truearm import fit
@@ -121,8 +124,8 @@ def products(readings: int = 0) -> RowResult:
         begun = time.process_time()
         p = len(fit("ur10", session, model="physical").model.fit_.coefficients)
         whole = time.process_time() - begun
-    rate = 2e-9 * p**3 / _shortest(np.ones((p, p)), np.ones((p, p)))
-    dense = 3 * len(session) / 4096 * _shortest((tall := np.ones((4096, p))).T, tall)
+    rate = 2e-9 * p**3 / _shortest(partial(np.matmul, np.ones((p, p)), np.ones((p, p))))
+    dense = 3 * len(session) / 4096 * _shortest(partial(np.matmul, (tall := np.ones((4096, p))).T, tall))
     table = [
         {"": what, "calls": int(n), "CPU s": s, "share": s / whole, "GFLOP": done, "GFLOP/s": done / max(s, 1e-9)}
         for what, (n, s, done) in spent.items()
@@ -140,6 +143,40 @@ def products(readings: int = 0) -> RowResult:
         ],
         [note],
     )
+
+
+@ROWS.row("products-of-1000", quick={"readings": 400}, threads="one")
+def products_of_1000(readings: int = 1000) -> RowResult:
+    """What products of matrices take of a physical fit of a thousand readings."""
+    return replace(products(readings), targets=[])
+
+
+@ROWS.row("points", quick={"n": 200}, threads="one")
+def points(n: int = 5000) -> Iterator[dict[str, Any]]:
+    """CPU time of points with covariance of a kinematic model, and of the product by the triangle of its causes alone.
+
+    Each point has the displacements of three coordinates by every cause: half a multiplication and addition by each
+    pair of causes and coordinate.
+    """
+    session = datasets.load_readings("ur10-a")
+    some = session.rows(range(0, len(session), len(session) // 200))
+    model, at = fit("ur10", some, model="kinematic").model, session.rows(range(n))
+    causes = len(model.shared_displacements(at.rows(range(1))))
+    triangle, columns = np.asfortranarray(np.tri(causes)), np.ones((causes, 3 * n), order="F")
+    done = 3e-9 * n * causes**2
+    for what, call in {
+        "points with covariance": partial(model.predict, at.angles, return_cov=True),
+        "the product alone": partial(dtrmm, 1.0, triangle, columns, lower=1),
+    }.items():
+        seconds = _shortest(call)
+        yield {
+            "": what,
+            "points": n,
+            "causes": causes,
+            "CPU ms": 1e3 * seconds,
+            "GFLOP": done,
+            "GFLOP/s": done / seconds,
+        }
 
 
 def _of_sums(sums: Any, residuals: Any, *_: object) -> float:
@@ -161,12 +198,12 @@ def _of_root(root: Any, along_sites: Any, *_: object) -> float:
     return float(m * (k * len(narrow) ** 2 + 2 * sum(of.size for of in wide)))
 
 
-def _shortest(one: Any, other: Any) -> float:
-    """CPU seconds of a product."""
+def _shortest(call: Callable[[], object]) -> float:
+    """CPU seconds of a call, the least of five."""
     seconds = []
     for _ in range(5):
         begun = time.process_time()
-        one @ other
+        call()
         seconds.append(time.process_time() - begun)
     return min(seconds)
 

@@ -377,8 +377,9 @@ def test_a_step_short_of_the_minimum_readings_held_out_are_the_same(drawn, rng):
     off = fit.coefficients + 0.1 * covariance_factor(fit.covariance).T @ rng.normal(size=len(fit.coefficients))
     problem, _ = initial_problem(fit.perturbed_chain, state, references)
     (part,) = fit.references
-    step, residuals = fit.coefficients - off, problem.residuals(off)[0]
-    short = replace(fit, coefficients=off, references=(replace(part, residuals=residuals),), remaining_step=step)
+    (residuals,) = problem.residuals(off)
+    (change,) = problem.changes(off, fit.coefficients - off, [residuals])
+    short = replace(fit, coefficients=off, references=(replace(part, residuals=residuals, to_minimum=change),))
     by_group = [cross_validate_by_group(of, state, references, rows // 6) for of in (fit, short)]
     of_region = [cross_validate_regions(of, state, references, [rows >= 20], 60)[0] for of in (fit, short)]
     for one, other in (by_group, of_region):

@@ -267,7 +267,7 @@ def linearised_about(
         n_residuals = sum(part.residuals.size for part in result.references)
         found = grouped_equations(reduced, x, n_residuals).posterior(prior.subset(reduced.kept))
     n = len(result.coefficients)
-    return replace(result, coefficients=found.x[:n], covariance=found.covariance[:n, :n], remaining_step=None)
+    return replace(result, coefficients=found.x[:n], covariance=found.covariance[:n, :n])
 
 
 def with_few_changed(
@@ -317,11 +317,16 @@ def _result(
             for i, (name, n) in enumerate(offered.items())
         ),
         reference_fits(
-            problem, x, residuals, np.sqrt(rounds.noise), rounds.robust_weights, [np.sqrt(of.T) for of in rounds.known]
+            problem,
+            x,
+            residuals,
+            np.sqrt(rounds.noise),
+            rounds.robust_weights,
+            [np.sqrt(of.T) for of in rounds.known],
+            None if step is None else problem.changes(x, step, residuals),
         ),
         rounds.converged,
         n_rounds,
-        remaining_step=None if step is None else step[active],
     )
 
 
@@ -329,7 +334,7 @@ def _result(
 def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> tuple[FloatArray, FloatArray | None]:
     """Posterior covariance of the parameters at `x`, by the last linearisation where it still holds there.
 
-    Else noise and weights are those of the residuals there too, and the step to the minimum is known.
+    Else noise and weights are those of the residuals there too, and the step to the minimum of points is known.
     """
 
     def posterior(reduced: SchurComplement) -> Posterior | LowRankPosterior:
@@ -343,7 +348,8 @@ def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> tuple[Flo
     rounds.weigh()
     reduced = eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x)
     found = posterior(reduced)
-    return found.covariance, reduced.step(found.x - x[reduced.kept])
+    of_points = all(reference.kind == "point" for reference in rounds.problem.references)
+    return found.covariance, found.x - x if of_points else None
 
 
 def _is_near(rounds: Rounds, x: FloatArray) -> bool:
@@ -381,6 +387,7 @@ def reference_fits(
     noise_std: FloatArray,
     robust_weights: Sequence[FloatArray],
     known_std: Sequence[FloatArray] | None = None,
+    to_minimum: Sequence[FloatArray] | None = None,
 ) -> tuple[ReferenceFit, ...]:
     """The references at parameters `x`, with their residuals there, the noise of each and the weights of its readings.
 
@@ -400,6 +407,7 @@ def reference_fits(
                 _artefact(problem, i, x),
                 unknowns,
                 reference.repeat_variance,
+                None if to_minimum is None else to_minimum[i],
             )
         )
     return tuple(found)

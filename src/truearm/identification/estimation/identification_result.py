@@ -205,6 +205,9 @@ class ReferenceFit:
         Identified unknowns of the artefacts by name; the names state units.
     repeat_variance : (m,) array, optional
         Variance by which errors common to repeats lower the weight of each [mm^2].
+    to_minimum : (k, m) array, optional
+        Change of the residuals to the minimum of the linearisation, of which the last round stopped short [mm]; None
+        where that is not known, or nothing.
     """
 
     kind: str
@@ -216,6 +219,7 @@ class ReferenceFit:
     artefact: IntArray
     unknowns: dict[str, float]
     repeat_variance: FloatArray | None = None
+    to_minimum: FloatArray | None = None
 
     @property
     def weights(self) -> FloatArray:
@@ -246,9 +250,6 @@ class IdentificationResult:
     repeatability_covariance : (n_coefficients, n_coefficients) array, optional
         The posterior covariance under repeatability conditions (JCGM 200:2012, 2.20): on the day of the readings, in
         their set-up. `covariance` is then that of any day. None where the two are one.
-    remaining_step : (n_coefficients,) array, optional
-        To the minimum of the linearisation at the coefficients, of which the last round stopped short; None where that
-        is not known, or nothing.
     """
 
     perturbed_chain: PerturbedChain
@@ -260,7 +261,6 @@ class IdentificationResult:
     converged: bool
     rounds: int
     repeatability_covariance: FloatArray | None = None
-    remaining_step: FloatArray | None = None
 
     @cached_property
     def chain(self) -> Chain:
@@ -289,7 +289,6 @@ class IdentificationResult:
             repeatability_covariance=None
             if (same := self.repeatability_covariance) is None
             else same[np.ix_(kept, kept)],
-            remaining_step=None if (step := self.remaining_step) is None else step[kept],
         )
 
     def under_repeatability_conditions(self) -> IdentificationResult:

@@ -124,6 +124,17 @@ class SmallMotionProblem:
             )
         return found
 
+    def changes(self, x: FloatArray, step: FloatArray, residuals: Sequence[FloatArray]) -> list[FloatArray]:
+        """(k, m) changes of the residuals [mm] by a small step of the coefficients, to first order, where none turn.
+
+        `residuals` are those at `x`.
+        """
+        found = []
+        for reference, linear in zip(self.references, self.linearised(x, residuals), strict=True):
+            tips = self.perturbed_chain.tip_changes(self.state.rows(reference.rows), x, step)
+            found.append(np.einsum("kcm,cm->km", linear.by_tip, tips))
+        return found
+
     def _pieces(
         self, which: int, x: FloatArray, values_of: Callable[[int, slice, ArmState], FloatArray]
     ) -> Iterator[LinearisedResiduals]:

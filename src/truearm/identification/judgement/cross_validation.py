@@ -313,14 +313,15 @@ class _Minimum:
         found, linearised = [], problem.linearised(x, [part.residuals for part in fit.references])
         for i, (part, weight, linear) in enumerate(zip(fit.references, weights, linearised, strict=True)):
             own = problem.unknowns_of(i).start - p + linear.unknown
-            weighed = linear.weighted(weight)
+            residuals = part.residuals if part.to_minimum is None else part.residuals + part.to_minimum
+            weighed = linear._replace(residuals=residuals).weighted(weight)
             by_unknown = _by_unknown(weighed, place[own], len(slope))
             first = np.unique(part.artefact, return_index=True)[1]
             found.append(
                 _Whitened(
                     part,
                     weight.T,
-                    (weight * part.residuals).T,
+                    weighed.residuals.T,
                     weighed,
                     by_unknown,
                     csr_array(
@@ -333,8 +334,6 @@ class _Minimum:
                 )
             )
         root = fit.covariance_root
-        if fit.remaining_step is not None and not u and all(part.linear.by_turn is None for part in found):
-            found = _at_minimum(fit, problem, fit.remaining_step, found)
         return cls(problem, x, root, slope, root.times_matrix(slope.T), found)
 
     @property
@@ -632,23 +631,6 @@ def _placed(pieces: Iterator[_Piece]) -> Iterator[tuple[_Piece, slice]]:
     for piece in pieces:
         yield piece, slice(start, start + len(piece.spread))
         start += len(piece.spread)
-
-
-def _at_minimum(
-    fit: IdentificationResult, problem: SmallMotionProblem, step: FloatArray, parts: list[_Whitened]
-) -> list[_Whitened]:
-    """References without unknowns, with residuals by the linearisation at its minimum.
-
-    Along what only some of the readings determine, the rest of the gradient would count as what these pull, and the arm
-    without them would move by many times the step that is left.
-    """
-    found = []
-    for part in parts:
-        state = problem.state.rows(part.reference_fit.rows)
-        tips = problem.perturbed_chain.tip_changes(state, fit.coefficients, step)
-        residuals = part.residuals + np.einsum("kcm,cm->mk", part.linear.by_tip, tips)
-        found.append(replace(part, residuals=residuals, linear=part.linear._replace(residuals=residuals.T)))
-    return found
 
 
 def _residuals_of(rows: IntArray, part: _Whitened) -> IntArray:
