@@ -303,6 +303,17 @@ def test_a_camera_or_board_that_moved_between_two_images_is_named(eye_in_hand, o
     assert not with_names
 
 
+def test_a_step_between_images_of_other_poses_may_be_the_arms():
+    """In the order of the first joint poses tell the images after it; in a random order they do not."""
+    cell = make_cell(7, 40, errors=(5e-4, 0.3), noise=(0.05, 0.3))
+    for order, doubted in ((np.arange(40), False), (np.argsort(cell.joints[:, 0]), True)):
+        flange, seen = cell.flange[order], cell.seen[order]
+        seen[22:] = motion(np.eye(3), np.array([15.0, 0, 0])) @ seen[22:]
+        found = said(ta.hand_eye(seen, flange))
+        assert "moved between" in found
+        assert (", or the arm errs so at other poses: give the images" in found) == doubted
+
+
 def test_joints_of_another_sign_are_named():
     cell = cell_of()
     joints = cell.joints * [1, 1, -1, 1, 1, 1]
@@ -373,6 +384,8 @@ def test_joints_without_names_and_a_rotation_before_its_position_have_a_remedy(t
     with pytest.raises(InputError) as error:
         ta.hand_eye(tmp_path / "seen.txt", tmp_path / "joints.txt", unit="mm", arm="ur10")
     assert "joints have names, q1_deg or q1_rad" in error.value.hint
+    with pytest.raises(InputError, match="rotations of the board are no rotations as quaternions"):
+        ta.hand_eye(tmp_path / "seen.txt", cell.joints, unit="mm", arm="ur10", rotation="xyzw")
     with pytest.raises(InputError, match="rotations of the board are no rotations") as error:
         ta.hand_eye(tmp_path / "turned.txt", cell.flange, unit="mm")
     assert "a position comes before its rotation" in error.value.hint

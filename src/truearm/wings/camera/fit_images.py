@@ -218,7 +218,7 @@ def _fitted(
     of_fit = [*_of_cell(cell, result.findings)]
     findings = [*cell.findings, *placed.findings, *_size_findings(images, scales, u_scales), *of_fit]
     if not any(one.what == "change" for one in of_fit):
-        findings += _focus_findings(identified)
+        findings += _focus_findings(identified, cell)
     return ImageFit(
         camera=cameras[0],
         board=boards[0],
@@ -354,16 +354,20 @@ def _size_findings(images: Images, scales: FloatArray, u_scales: FloatArray) -> 
             yield Finding("hand-eye", said, {"size": scale, "u": u})
 
 
-def _focus_findings(model: IdentifiedModel) -> Iterator[Finding]:
+def _focus_findings(model: IdentifiedModel, cell: CellImages) -> Iterator[Finding]:
     """That boards scatter along the axis of the camera, as they do where its focal length changes."""
     part = next(one for one in model.fit_.references if one.kind == "pose")
-    first, second, along = np.sqrt((part.residuals[:3] ** 2).mean(axis=1))  # by how well the corners show them
-    across, shown = float(np.hypot(first, second) / np.sqrt(2)), float(np.sqrt((part.std[2] ** 2).mean()))
-    if len(part.rows) >= LEAST_FOCUSED and along > max(ALONG * across, BEYOND * shown):
+    used = part.robust_weight > 0  # one image of another pose scatters along any axis
+    if used.sum() < LEAST_FOCUSED:
+        return
+    first, second, along = np.sqrt((part.residuals[:3, used] ** 2).mean(axis=1))  # by how well the corners show them
+    across, shown = float(np.hypot(first, second) / np.sqrt(2)), float(np.sqrt((part.std[2, used] ** 2).mean()))
+    if along > max(ALONG * across, BEYOND * shown):
+        stated = ", or is the stated one wrong" if any(np.isfinite(u[0]) for u in cell.images.u_intrinsics) else ""
         said = (
             f"The arm leaves {format_mm(along)} of the distance of the board from the camera, and {format_mm(across)} "
-            f"across it, where corners show {format_mm(shown)}: did the focal length change between images? Switch the "
-            "autofocus off."
+            f"across it, where corners show {format_mm(shown)}: did the focal length change between images{stated}? "
+            "Switch the autofocus off."
         )
         yield Finding("hand-eye", said, {"along_mm": float(along), "across_mm": across})
 

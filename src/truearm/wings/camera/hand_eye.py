@@ -40,6 +40,8 @@ Inverted = Literal["board", "robot"]
 
 # Images from which the arm is identified, and below which its errors are not told from those of the poses.
 FEWEST_TO_IDENTIFY = 10
+# Of the variance of "after it" poses leave a smaller share where they tell which images come after a change.
+OTHER_POSES = 0.5
 # The poses of a robot are those of another frame than its flange where they differ by more.
 SAME_MM, SAME_DEG = 3.0, 0.5
 
@@ -230,7 +232,9 @@ def _moved_between(
     """Where the camera or the board moved between two images, beside an arm whose errors stay as they are."""
     rows, A, C = found.rows[alone.rows], found.A[alone.rows], found.C[alone.rows]
     seen = alone.X @ A @ alone.Y
-    poses = np.concatenate([A[:, :3, 3], Rotation.from_matrix(A[:, :3, :3]).as_rotvec()], axis=1)
+    R = Rotation.from_matrix(A[:, :3, :3])
+    # Rotation vectors of like poses are alike where they are about the mean: a flange that points down is half turned.
+    poses = np.concatenate([A[:, :3, 3], (R.mean().inv() * R).as_rotvec()], axis=1)
     away = seen[:, :3, 3] - seen[:, :3, 3].mean(axis=0)
     by_camera = np.concatenate([-cross_matrix(away), np.tile(np.eye(3), (len(seen), 1, 1))], axis=2)
     camera, board = "camera (its focus, or the controller's tool)", "board (or the controller's tool)"
@@ -239,9 +243,13 @@ def _moved_between(
     weights = np.full((len(seen), 3), alone.position_std**-2)
     for one in session_changes(poses, motions, seen[:, :3, 3] - C[:, :3, 3], weights, np.arange(len(seen))):
         before, after = called(int(rows[one.row - 1])), called(int(rows[one.row]))
+        is_after = (np.arange(len(seen)) >= one.row).astype(float)
+        known = np.column_stack([np.ones(len(seen)), poses])
+        left = is_after - known @ np.linalg.lstsq(known, is_after)[0]
+        elsewhere = ", or the arm errs so at other poses" if left.var() < OTHER_POSES * is_after.var() else ""
         if one.kind == "step" and one.shift_mm > alone.position_std:
             yield (
-                f"The {one.what} moved between {before} and {after}, by {format_mm(one.shift_mm)} or more: "
+                f"The {one.what} moved between {before} and {after}, by {format_mm(one.shift_mm)} or more{elsewhere}: "
                 f"{OF_POSES.apart}."
             )
 

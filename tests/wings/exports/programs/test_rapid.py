@@ -368,3 +368,5 @@ def test_a_corrected_target_that_is_passed_on_is_said(call):
     said = "p1 is passed to Pick in line "
     assert any(note.startswith(said) for note in read(module(body)).notes)
     assert not any(said in note for note in read(module(body.replace("wTable", "wNew"))).notes)  # not corrected
+    asked = body.replace(call, "n1 := Distance(p2,p1);")  # a function that has it as an argument moves nothing
+    assert not any("is passed to" in note for note in read(module(asked)).notes)

@@ -28,7 +28,7 @@ from truearm.models.arm_check import check_has_kinematics
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray
 from truearm.verbs.inputs import ModelLike, model_file_fingerprint, to_model_of_tip
-from truearm.verbs.record import Record, TextTable, listed
+from truearm.verbs.record import Record, TextTable, listed, number_of
 from truearm.wings.exports.programs.branches import QUANTITIES
 from truearm.wings.exports.programs.controllers import with_controller
 from truearm.wings.exports.programs.fanuc_ls import FanucListing
@@ -190,8 +190,8 @@ def _without_placeholders(program: Program, solver: Solver, start: FloatArray | 
     ]
     first = program.targets[min(bad)].name
     said = (
-        f"{len(bad)} configurations are those of no posture, the first that of {first}: the program "
-        "switches their check off, and none of the moves that it is off for counts."
+        f"{number_of(len(bad), 'configuration')} of no posture, the first that of {first}: the program switches their "
+        "check off, and no configuration counts that only such moves have."
     )
     return replace(program, targets=tuple(targets), notes=(*program.notes, said))
 

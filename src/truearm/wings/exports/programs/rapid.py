@@ -289,7 +289,8 @@ class _Module(NamedTargets):
                 f"{token.text.decode('latin-1')} in line {self._line(at)} shifts targets while the program runs: the "
                 "corrections are those of the places without it."
             )
-        if (is_first or self.tokens[at - 1].word in _BEGINS) and token.word not in {*_NO_CALL, *_ZONES}:
+        is_call = (is_first or self.tokens[at - 1].word in _BEGINS) and token.word not in {*_NO_CALL, *_ZONES}
+        if is_call and not self._assigned(at):
             rest = map(self.tokens.__getitem__, range(at, len(self.tokens)))
             for before, one in pairwise(takewhile(lambda one: one.text != b";", rest)):
                 if one.kind == "name" and (before is token or before.text == b","):

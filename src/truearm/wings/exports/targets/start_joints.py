@@ -113,7 +113,7 @@ def doubts_about_poses(model: Compensator, targets: Targets, frame: Frame, *, al
         x, y, z = (usual.round(1) + 0.0).tolist()
         yield f"{said}, at each by {x}, {y}, {z} mm along the axes of the tip: check the tool (--tool)."
     elif mm > _ROUGH_SHARE * model.arm_.chain.reach or turn > _ROUGH_TURN:
-        both = said if targets.rotations is None else f"{said} and turned by {np.degrees(turn):.2g} deg"
+        both = said if targets.rotations is None else f"{said} and turned by {np.degrees(turn):.3g} deg"
         yield (
             f"{both} (median): right if those only choose the configuration; otherwise check the tool, the frame and "
             "the arm."
