@@ -344,6 +344,10 @@ class TestRefusals:
         there = numbers_of(found.content, b"p")
         np.testing.assert_allclose(there[:, :3], meant[:, :3], rtol=0, atol=2e-6)  # mm: the last of six decimals
         assert any("first that of p" in note for note in found.notes)
+        one_wrong = re.sub(r"(p0:=.*)\[-?\d,-?\d,-?\d,\d\],\[9E9", r"\1[0,0,-1,1],[9E9", text)
+        one_wrong = one_wrong.replace("PROC main()\n", "PROC main()\n    ConfL\\Off;\n")
+        left = corrected(fitted(IRB), written(tmp_path, one_wrong)).refused  # the others keep theirs
+        assert [(one.name, one.reason.split(":")[0]) for one in left] == [("p0", "its configuration is not stated")]
         for checked in (zeros, off.replace("Off;", "Off;\n ConfL\\On;"), off.replace("ConfL", "ConfJ")):
             refuses("has its configuration", corrected, fitted(IRB), written(tmp_path, checked))
 

@@ -226,5 +226,7 @@ def test_frames_that_the_program_sets_are_said():
 
 
 def test_called_programs_are_said_and_remarks_are_none():
-    text = fanuc_program([block(1)], ["J P[1] 100% FINE", "CALL SUB1(1)", "!CALL REMARK", "IF R[1]=2,CALL GRIP"])
+    text = fanuc_program(
+        [block(1)], ["J P[1] 100% FINE", "CALL SUB1('CALL TEXT')", "!CALL REMARK", "IF R[1]=2,CALL GRIP"]
+    )
     assert "The programs that it calls are not corrected with it: SUB1, GRIP." in read(text).notes

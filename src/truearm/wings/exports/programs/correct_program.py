@@ -178,20 +178,22 @@ def correct_program(
 
 
 def _without_placeholders(program: Program, solver: Solver, start: FloatArray | None) -> Program:
-    """The program without configurations that its controller does not check, if some are those of no posture."""
+    """The program without configurations that no posture has, and their like, where its controller checks none."""
     if not program.unwatched:
         return program
     _, reasons = solver.nominal(program.targets, start, program.moves)
     bad = [row for row in program.unwatched if NO_POSTURE in reasons[row]]
     if not bad:
         return program
+    placeholders = {program.targets[row].conditions for row in bad}
     targets = [
-        replace(one, conditions=()) if row in program.unwatched else one for row, one in enumerate(program.targets)
+        replace(one, conditions=()) if row in program.unwatched and one.conditions in placeholders else one
+        for row, one in enumerate(program.targets)
     ]
     first = program.targets[min(bad)].name
     said = (
         f"{number_of(len(bad), 'configuration')} of no posture, the first that of {first}: the program switches their "
-        "check off, and no configuration counts that only such moves have."
+        "check off, and where only such moves go none of the same numbers counts."
     )
     return replace(program, targets=tuple(targets), notes=(*program.notes, said))
 

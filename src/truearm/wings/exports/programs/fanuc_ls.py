@@ -55,7 +55,7 @@ _USE = re.compile(r"(?<![\w$])P\[\s*(?:GP\d+\s*:\s*)?(?:(\d+)[^\]\n]*|[A-Za-z]+\
 _NAME = re.compile(r":[^\]\n]*\]")  # of a register or a point, within its brackets
 _SHIFT = re.compile(r"(?<!\w)(?:PR|VR)\[[^\]\n]*\](?![ \t]*=)|\b(?:VOFFSET|Offset|Tool_Offset)\b")
 _AT_RUN_TIME = {"INC": "an increment", "INK": "an increment", "COORD": "of a motion coordinated with another group"}
-_CALLED = r"^[ \t]*\d+:(?!\s*(?:!|--|//)).*\b(?:CALL|RUN)[ \t]+(\w+)"
+_CALLED = r"^[ \t]*\d+:(?!\s*(?:!|--|//)).*?\b(?:CALL|RUN)[ \t]+(\w+)"
 _SETS = r"^[ \t]*\d+:\s*(U(?:TOOL|FRAME)\[[^\]\n]*\])\s*="
 _POSE = ("x", "y", "z", "w", "p", "r")
 _TURNS = (1, 4, 6)
