@@ -467,10 +467,11 @@ class CorrectedTargets(TableRecord):
         """What a person must know of these targets."""
         yield from self.model.doubts()
         yield from self._doubt_about_numbers()
+        of_file = self.targets.joint_file
         if (good := ~self.refused).any():
             readings = self.targets.session(np.where(good[:, None], self.joints, self.targets.joints))
-            yield from input_remarks(self.equipped, readings.rows(good), "in a column of that name")
-        of_file = self.targets.joint_file
+            how = "in a table of targets, as this file has no place for it" if of_file else "in a column of that name"
+            yield from input_remarks(self.equipped, readings.rows(good), how)
         yield from of_file.findings(self.joints) if of_file else ()
         n_joints = self.model.arm_.n_joints
         if len(turns_of(self.model.nominal_.chain)) == 1:

@@ -384,6 +384,10 @@ class TestPayload:
         said = "Taken at the training mean, as the targets do not state it: payload_kg (0."
         assert said in str(corrected(sagging, file))
         assert said in str(ta.correct(sagging, table, untrained="accept"))
+        points = [{"positions": row.tolist()} for row in planned]
+        trajectory = {"joint_names": [f"joint_{i}" for i in range(1, 7)], "points": points}
+        of_file = ta.correct(sagging, written(tmp_path, json.dumps(trajectory), "made.yaml"), untrained="accept")
+        assert "State it in a table of targets, as this file has no place for it." in str(of_file)
         of_table = ta.correct(sagging, table.assign(payload_kg=5.0), untrained="accept")
         of_program = corrected(sagging, file, frames=written(tmp_path, "payload_kg = 5.0\n", "frames.toml"))
         for one in (of_table, of_program):
