@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -192,6 +193,11 @@ class Chain:
         """(n_joints,) True for the joints that slide along their z axis instead of turning about it."""
         assert self.prismatic is not None  # set in __post_init__
         return self.prismatic
+
+    @cached_property
+    def has_slides(self) -> bool:
+        """Whether any of its joints slides."""
+        return bool(self.is_prismatic.any())
 
     @property
     def n_places(self) -> int:
@@ -567,7 +573,7 @@ class Chain:
         steps[..., 0, 0] = steps[..., 1, 1] = cos
         steps[..., 2, 2] = steps[..., 3, 3] = 1.0
         steps[..., 0, 1], steps[..., 1, 0] = -sin, sin
-        if slides.any():
+        if self.has_slides:
             steps[slides, :, :2, :2] = np.eye(2)
             steps[slides, :, 2, 3] = q[slides]
         steps[1:] = self.fixed[1:-1, None] @ steps[1:]

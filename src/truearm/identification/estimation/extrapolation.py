@@ -64,6 +64,10 @@ class Extrapolation:
         return np.asarray(np.where(self.is_prismatic, travel, 1.0))
 
     @cached_property
+    def _has_slides(self) -> bool:
+        return bool(self.is_prismatic.any())
+
+    @cached_property
     def _span(self) -> FloatArray:
         return np.asarray(np.ptp(self.ranges, axis=1))
 
@@ -75,7 +79,7 @@ class Extrapolation:
         above, span = angles - self.ranges[:, 0], self._span
         turned = np.mod(above, 2 * np.pi)
         off = np.where(turned > span, np.minimum(turned - span, 2 * np.pi - turned), 0.0)
-        if self.is_prismatic.any():
+        if self._has_slides:
             sliding = np.maximum(np.maximum(above - span, -above), 0.0) / self.unit
             off = np.where(self.is_prismatic, sliding, off)
         return np.asarray(np.sqrt((off * off).sum(axis=1)))

@@ -311,9 +311,13 @@ class IdentificationResult:
         n_unknowns = sum(map(len, unknowns)) - n_constraints
         return n_residuals - n_unknowns - sum(group.effective for group in self.groups)
 
+    @cached_property
+    def _is_constant(self) -> bool:
+        return self.perturbed_chain.is_constant(self.coefficients)
+
     def tips(self, state: ArmState) -> FloatArray:
         """(n, 3) tips [mm] at the readings of a state."""
-        if self.perturbed_chain.is_constant(self.coefficients):
+        if self._is_constant:
             return self.chain.tip_in_base(state.angles)
         return self.perturbed_chain.tips(state, self.coefficients)
 
@@ -324,7 +328,7 @@ class IdentificationResult:
     def uncertain_tips(self, state: ArmState) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`tips`, `tip_covariance` and `direction_effects`, with the basis functions evaluated once."""
         (derivatives, root), chain, x = self._uncertain, self.perturbed_chain, self.coefficients
-        is_few, is_constant, out = len(state) <= FEW, chain.is_constant(x), np.empty((len(state), 3, 3))
+        is_few, is_constant, out = len(state) <= FEW, self._is_constant, np.empty((len(state), 3, 3))
         tips = self.chain.tip_in_base(state.angles) if is_constant and not is_few else np.empty((len(state), 3))
         of_directions = np.zeros((chain.chain.n_joints, len(state), 3))
         for rows, own, along_sites, values in derivatives(state):

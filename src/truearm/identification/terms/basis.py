@@ -323,15 +323,14 @@ class Harmonics(Basis):
         """One cosine and sine of every joint and order; for many readings the addition theorems are faster."""
         pairs = [(basis.joint - 1, order) for basis in bases for order in basis.orders]
         row_of = {pair: row for row, pair in enumerate(dict.fromkeys(pairs))}
-        rows = np.array([row_of[pair] for pair in pairs], dtype=np.intp)
+        rows = np.array([(row_of[pair], row_of[pair] + len(row_of)) for pair in pairs], dtype=np.intp).ravel()
         joints, orders = np.array(list(row_of), dtype=np.intp).T
         last, multiples = int(joints.max()) + 1, orders[:, None].astype(float)
 
         def values(state: ArmState) -> FloatArray:
             if last > state.angles.shape[1]:
                 of_joint(state.angles, last)  # which refuses it
-            found = np.stack(cos_sin(multiples * state.joint_angles.T[joints]), axis=1)
-            return found[rows].reshape(-1, len(state))
+            return np.concatenate(cos_sin(multiples * state.joint_angles.T[joints]))[rows]
 
         return values
 

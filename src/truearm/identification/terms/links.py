@@ -13,7 +13,7 @@ from scipy.linalg import solve_banded
 
 from truearm.arm.arm import LinkMasses
 from truearm.arm.chain import Chain
-from truearm.arm.rigid_motions import cos_sin, cross, turn_matrices
+from truearm.arm.rigid_motions import cos_sin, cross, cross_matrix, turn_matrices
 from truearm.errors import InputError
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
@@ -203,10 +203,10 @@ def gravity_loads(
         raise InputError(f"expected {chain.n_joints} link masses, one a joint, got {len(links.mass_kg)}")
     q = np.ascontiguousarray(chain.joint_angles(np.asarray(angles, dtype=float)).T)
     slides = chain.is_prismatic.tolist()
-    turn = np.where(chain.is_prismatic[:, None], 0.0, q) if any(slides) else q
+    turn = np.where(chain.is_prismatic[:, None], 0.0, q) if chain.has_slides else q
     mass_outward, local = _fixed_moments(chain, links)
-    if q.shape[1] == 1 and not any(slides):
-        force, first_moments = _along_places(chain.fixed[:-1, :3, :3] @ turn_matrices(*cos_sin(turn)), gravity, local)
+    if q.shape[1] == 1 and not chain.has_slides:
+        force, torque = _along_places(chain.fixed[:-1, :3, :3] @ turn_matrices(*cos_sin(turn)), gravity, local)
     else:
         force, first_moments = np.empty((2, len(q), 3, q.shape[1]))
         outward, inward = _steps(chain, *cos_sin(turn))
@@ -222,10 +222,10 @@ def gravity_loads(
             if slides[i]:  # a prismatic joint has moved its place off the end of the link
                 first_moment[2] += mass_outward[i] * q[i]
             first_moment = inward(i, first_moment)
-    torque = cross(first_moments.transpose(1, 0, 2), force.transpose(1, 0, 2))
+        torque = cross(first_moments.transpose(1, 0, 2), force.transpose(1, 0, 2)).transpose(1, 0, 2)
     torque *= 1e-3  # mm to m
     force *= mass_outward[:, None, None]
-    return GravityLoads(torque.transpose(2, 1, 0), force.transpose(2, 0, 1))
+    return GravityLoads(torque.transpose(2, 0, 1), force.transpose(2, 0, 1))
 
 
 @lru_cache(maxsize=64)
@@ -240,7 +240,7 @@ def _fixed_moments(chain: Chain, links: LinkMasses) -> tuple[FloatArray, FloatAr
 
 
 def _along_places(R: FloatArray, gravity: FloatArray, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gravity and the first moments outward of each place (n_joints, 3, 1) along its axes, of a single pose.
+    """Gravity and the torque of the first moments outward of each place (n_joints, 3, 1) by it, of a single pose.
 
     By products of all places, of the turns (n_joints, 3, 3) from one to the next and the moments fixed in them: the
     number of operations counts.
@@ -248,8 +248,8 @@ def _along_places(R: FloatArray, gravity: FloatArray, local: FloatArray) -> tupl
     for before, own in pairwise(R):
         own[:] = before.dot(own)
     outward = (R @ local[:, :, None])[::-1].cumsum(axis=0)[::-1]
-    back = R.transpose(0, 2, 1)
-    return back @ gravity[:, None], back @ outward
+    torque, back = cross_matrix(outward[:, :, 0]) @ gravity, R.transpose(0, 2, 1)
+    return back @ gravity[:, None], back @ torque[:, :, None]
 
 
 _Step = Callable[[int, FloatArray], FloatArray]
