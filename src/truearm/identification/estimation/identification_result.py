@@ -18,13 +18,14 @@ Source of the columns: G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th e
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
+from truearm.arm.arm import NOT_KEPT
 from truearm.arm.chain import Chain
 from truearm.arm.rigid_motions import exponential_derivative, rotations
 from truearm.identification.estimation.covariance_root import CovarianceRoot
@@ -219,7 +220,7 @@ class ReferenceFit:
     artefact: IntArray
     unknowns: dict[str, float]
     repeat_variance: FloatArray | None = None
-    to_minimum: FloatArray | None = None
+    to_minimum: FloatArray | None = field(default=None, metadata={NOT_KEPT: True})
 
     @property
     def weights(self) -> FloatArray:
