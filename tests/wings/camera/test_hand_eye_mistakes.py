@@ -278,6 +278,18 @@ def test_what_fits_in_no_way_is_refused_and_goes_on_with_a_reason():
     assert isinstance(found.camera.T_parent_child, np.ndarray)
 
 
+@pytest.mark.parametrize("joints", [False, True])
+def test_images_of_other_poses_that_are_accepted_are_all_used_and_said(joints):
+    """Two of them alone turn about one axis; with the joints the fit itself accepts more."""
+    cell = cell_of(True)
+    found = cell.with_seen(cell.seen[::-1]).hand_eye(joints=joints, model="nominal", accept="to see the rest")
+    assert found.interpretation.turn_deg > 5
+    assert len(found.interpretation.rows) == 24
+    assert "robot and camera turn differently" in said(found)
+    assert "Accepted (to see the rest): " in said(found)
+    assert "Nothing had to be accepted" not in said(found)
+
+
 @pytest.mark.parametrize("n", [4, 9])
 def test_few_images_leave_the_arm_nominal(n):
     found = make_cell(1, n, noise=(0.02, 0.1)).hand_eye(joints=True)

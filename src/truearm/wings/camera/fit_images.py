@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truearm.acceptance import accepted, accepts, contradict
+from truearm.acceptance import accepts, contradict
 from truearm.arm import Arm
 from truearm.arm.rigid_motions import cross_matrix, inverse, motion
 from truearm.choices import ModelName
@@ -51,6 +51,7 @@ from truearm.wings.camera.mounts import (
     of_cell,
     where_it_is_carried,
     where_it_stands,
+    with_all_accepted,
 )
 from truearm.wings.camera.pose_files import Poses
 
@@ -184,12 +185,7 @@ def fit_images(
         if left is None or LEAST_APART * left[0] > placed.alone_mm:
             raise placed.contradiction
     _check_apart(placed, result)
-    if found := accepted(result.model.accepted_):  # the fit says what it accepted itself; before and after was more
-        result.model.accepted_ = found
-        said = (Finding("acceptance", str(one)) for one in found)
-        others_said = (one for one in result.findings if one.what != "acceptance")
-        result = replace(result, findings=in_order((*said, *others_said)))
-    return _fitted(cell, placed, settled, result, known_lengths, others)
+    return _fitted(cell, placed, settled, with_all_accepted(result), known_lengths, others)
 
 
 def _fitted(

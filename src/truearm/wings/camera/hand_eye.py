@@ -29,7 +29,16 @@ from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import format_fixed, number_of
 from truearm.wings.camera.closed_form import HandEyeAlone, refined
 from truearm.wings.camera.interpretation import OF_POSES, Interpretation, Remedies, all_together, interpret
-from truearm.wings.camera.mounts import HandEyeByImages, Transform, explained, of_alone, of_boards, of_cell, of_model
+from truearm.wings.camera.mounts import (
+    HandEyeByImages,
+    Transform,
+    explained,
+    of_alone,
+    of_boards,
+    of_cell,
+    of_model,
+    with_all_accepted,
+)
 from truearm.wings.camera.pose_files import Poses, Samples, Unit, checked_form, read_samples
 
 if TYPE_CHECKING:
@@ -189,6 +198,7 @@ def hand_eye(
                 contradiction = None
         if contradiction is not None:
             raise contradiction
+        fitted = with_all_accepted(fitted)
         said += _ignored(found, alone, seen.called)
         if fitted.model_name == "nominal" and len(seen_from) < FEWEST_TO_IDENTIFY and model == "kinematic":
             said.append(f"{len(seen_from)} images are too few to identify the arm: {FEWEST_TO_IDENTIFY} or more do.")

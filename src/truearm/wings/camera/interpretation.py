@@ -7,7 +7,7 @@ the camera and the size of the board. What is contradicted is refused with the i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -58,14 +58,14 @@ class TurnTest:
     off_deg: FloatArray
 
     @classmethod
-    def of(cls, robot: Rotation, camera: Rotation) -> TurnTest:
-        """Compare all pairs, and ignore what agrees least until the rest agree."""
+    def of(cls, robot: Rotation, camera: Rotation, *, all_right: bool = False) -> TurnTest:
+        """Compare all pairs, and ignore what agrees least until the rest agree, unless all are known to be right."""
         off = np.abs(turns(robot) - turns(camera))
         n = len(off)
         tolerance = float(np.clip(TIMES_MEDIAN * np.median(off[np.triu_indices(n, 1)]), LEAST_DEG, MOST_DEG))
         fits, kept = off < tolerance, np.ones(n, dtype=bool)
         others = fits.sum(axis=1) - 1
-        while (left := int(kept.sum())) > 2:
+        while not all_right and (left := int(kept.sum())) > 2:
             worst = int(np.where(kept, others, n).argmin())
             if others[worst] >= AGREES * (left - 1):
                 break
@@ -420,7 +420,7 @@ def _ways(
             problem += f", and so do the others: {', '.join(map(called, others.tolist()))}"
             hint = "are there two boards, or two places of one? Keep their images apart"
     contradict(InputError(problem, hint=hint))
-    return [way]
+    return [replace(way, test=TurnTest.of(way.robot, way.board, all_right=True))]  # accepted
 
 
 def _named(way: _Way, robot: Poses, board: Poses) -> tuple[str, str]:

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from truearm.acceptance import accepted
 from truearm.arm import Arm, Chain
 from truearm.arm.rigid_motions import cross_matrix, inverse, motion, xyz_rpy_from_frame
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
-from truearm.findings import Finding, format_mm
+from truearm.findings import Finding, format_mm, in_order
 from truearm.identification.judgement.description_check import explain_readings
 from truearm.models import IdentifiedModel
 from truearm.readings import Session
@@ -151,6 +152,16 @@ def of_cell(findings: Iterable[Finding], standing: str, carried: str, apart: str
             if apart and (advice := said.find(" Enter one name")) > 0:
                 said = f"{said[:advice]} {apart[0].upper()}{apart[1:]}."
         yield replace(one, sentence=said)
+
+
+def with_all_accepted(result: FitResult) -> FitResult:
+    """A fit says what it accepted itself; before and after it was more."""
+    found = accepted(result.model.accepted_)
+    if not found:
+        return result
+    result.model.accepted_ = found
+    said = (Finding("acceptance", str(one)) for one in found)
+    return replace(result, findings=in_order((*said, *(one for one in result.findings if one.what != "acceptance"))))
 
 
 def mounts(chain: Chain, nominal: Chain) -> tuple[FloatArray, FloatArray]:
