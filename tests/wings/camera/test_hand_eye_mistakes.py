@@ -1,5 +1,7 @@
 """The ten mistakes of `hand-eye`: each is planted, and named before any fit."""
 
+import sys
+
 import numpy as np
 import pytest
 from hand_eye_cells import make_cell
@@ -276,6 +278,21 @@ def test_what_fits_in_no_way_is_refused_and_goes_on_with_a_reason():
     found = cell.with_seen(seen).hand_eye(accept="to see the rest")
     assert "Accepted (to see the rest)" in said(found)
     assert isinstance(found.camera.T_parent_child, np.ndarray)
+
+
+def test_a_result_stays_where_its_images_cannot_be_judged_again(monkeypatch):
+    """With a zero 8 deg off right images look as if they were of another pose; the fit that would use them fails."""
+    cell, fits = make_cell(0, 24, errors=(5e-4, 0.3), noise=(0.05, 0.3)), iter([ta.fit])
+
+    def first_only(*args, **options):
+        if (one := next(fits, None)) is None:
+            raise InputError("expected 6 joints")
+        return one(*args, **options)
+
+    monkeypatch.setattr(sys.modules[ta.hand_eye.__module__], "fit", first_only)
+    found = ta.hand_eye(cell.seen, cell.joints + np.radians([0, 8, 0, 0, 0, 0]), arm=cell.arm)
+    assert found.n_used < 24
+    assert "could not be judged again by the zeros found: expected 6 joints; those ignored stay so." in said(found)
 
 
 @pytest.mark.parametrize("joints", [False, True])

@@ -41,7 +41,7 @@ from truearm.wings.camera.images import (
     adjust,
     first_poses,
 )
-from truearm.wings.camera.interpretation import OF_IMAGES, Interpretation, interpret
+from truearm.wings.camera.interpretation import NOT_AGAIN, OF_IMAGES, Interpretation, interpret
 from truearm.wings.camera.lenses import Lens, camera_yaml, read_camera
 from truearm.wings.camera.mounts import (
     CameraAndBoard,
@@ -175,7 +175,7 @@ def fit_images(
             settled, result = fitted(again)
             placed = again
         except InputError as error:
-            told = f"Images could not be judged again by the zeros found: {error.problem}; those ignored stay so."
+            told = NOT_AGAIN.format(error.problem)
             placed = replace(placed, findings=(*placed.findings, Finding("hand-eye", told)))
     if placed.contradiction and not isinstance(placed.contradiction, Contradiction):
         told = f"{placed.contradiction.problem[0].upper()}{placed.contradiction.problem[1:]}."

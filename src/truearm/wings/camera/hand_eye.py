@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast
@@ -28,7 +27,7 @@ from truearm.verbs.fit import FitResult, fit
 from truearm.verbs.inputs import ArmLike, to_arm
 from truearm.verbs.record import format_fixed, number_of
 from truearm.wings.camera.closed_form import HandEyeAlone, refined
-from truearm.wings.camera.interpretation import OF_POSES, Interpretation, Remedies, all_together, interpret
+from truearm.wings.camera.interpretation import NOT_AGAIN, OF_POSES, Interpretation, Remedies, all_together, interpret
 from truearm.wings.camera.mounts import (
     HandEyeByImages,
     Transform,
@@ -191,11 +190,13 @@ def hand_eye(
         if fitted.identifies_constants and zeros and zeros.zeros and (contradiction or not found.test.agree.all()):
             # Right images contradict an arm whose zeros are off: they are judged again by the zeros found. The size of
             # such an arm is judged by the fit.
-            with suppress(InputError):
+            try:
                 turned = _by_joints(moved, None, fitted.arm_with_zeros(), said)
-                found = judged(turned, replace(OF_POSES, of_others=False))
-                alone, seen_from, centre, fitted = with_arm(found)
-                contradiction = None
+                again = judged(turned, replace(OF_POSES, of_others=False))
+                alone, seen_from, centre, fitted = with_arm(again)
+                found, contradiction = again, None
+            except InputError as error:
+                said.append(NOT_AGAIN.format(error.problem))
         if contradiction is not None:
             raise contradiction
         fitted = with_all_accepted(fitted)

@@ -203,6 +203,7 @@ class Remedies:
 PAIRED = "check that rows and images are of the same poses, in the same order, with the arm at rest"
 MEASURE = "measure the squares of the board"
 IS_FIXED = "is the board fixed, and the tool of the robot's poses always the same?"
+NOT_AGAIN = "Images could not be judged again by the zeros found: {}; those ignored stay so."
 # Poses that others computed, and poses by corners in images.
 OF_POSES = Remedies(
     paired=f"{PAIRED}, and that the poses are by intrinsics of these images",
