@@ -104,7 +104,8 @@ LEFT = {
 
 
 def test_called_subprograms_are_said_but_those_of_the_file_and_of_the_system():
-    body = f"BAS(#INITMOV,0)\nUnder()\nHere()\nIF (TRUE) THEN\nUnder()\nENDIF\n{BOTH}LIN {POSE}\nEND\nDEF Here()"
+    template = "BAS(#INITMOV,0)\nUSERSPOT(#INIT)\nUSER_GRP(0,DUMMY,DUMMY,GDEFAULT)"
+    body = f"{template}\nUnder()\nHere()\nIF (TRUE) THEN\nUnder()\nENDIF\n{BOTH}LIN {POSE}\nEND\nDEF Here()"
     assert "The programs that it calls are not corrected with it: Under." in read(source(body)).notes
 
 

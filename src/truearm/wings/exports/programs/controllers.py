@@ -292,7 +292,9 @@ def other_robot(joints: FloatArray, flange: FloatArray) -> str:
     }
     name = min(away, key=away.__getitem__)
     if away[name] < MOST_MM / 3:  # other types are farther off
-        return f"they agree for {name!r} to {format_mm(away[name])}: give its model, and its calibration"
+        return (
+            f"they agree for {name!r} to {format_mm(away[name])}: give the model and the calibration of that very robot"
+        )
     return "give the model of the robot of this program, its calibration and its tool; lengths are in m, angles in rad"
 
 

@@ -106,6 +106,8 @@ _HARMLESS = re.compile(
     rb"IF|ELSE|WHILE|UNTIL|SWITCH|CASE|FOR|WAIT|RETURN|BAS|PULSE|C(?:OPEN|CLOSE|READ|WRITE|IOCTL)|S(?:READ|WRITE)"
     rb"|MBX_REC|ERR_\w+|\w*MSG\w*|STR\w+|RSI_\w+|EKI_\w+|CAST_\w+|PTP|LIN|CIRC|LOOP|REPEAT|DEF|DEFFCT"
 )
+# Calls of technology packages that templates and inline forms write: their subprograms have no points of the program.
+_OF_PACKAGES = frozenset(b"USERSPOT USER_GRP GRP H50 H70".split())
 _IN_FOLD = "in a fold, whose lines the pendant writes again"
 _BETWEEN = "not certain what the line before it does"
 _SETS = re.compile(rb"(?i)\s*(?:\$(?:TOOL|BASE|IPO_MODE)\b[^=]*=|FDAT_ACT\s*=|BAS\s*\(\s*#(?:TOOL|BASE|EX_BASE)\b)")
@@ -256,8 +258,8 @@ class _File(NamedTargets):
                 self._declare(line.code, of_file)
         called = self._called([*others, self.lines])
         calls = {call[1].upper(): _text(call[1]) for line in self.lines if (call := _CALL.match(line.code))}
-        here = _names_of([self.lines])
-        names = [text for name, text in calls.items() if name not in here and not _HARMLESS.fullmatch(name)]
+        own = _names_of([self.lines]) | _OF_PACKAGES
+        names = [text for name, text in calls.items() if name not in own and not _HARMLESS.fullmatch(name)]
         self.notes += [CALLED.format(some(names))] if names else []
         self.setters = _setters([*others, *called, self.lines], self.unknown)
         self.labels = {label for lines in (*others, self.lines) for label in self._reached_labels(lines)}
