@@ -157,9 +157,9 @@ class PerturbedChain:
         """(n_places, 6, m) motions [rad, mm] with coefficients `x`; (n_places, 6, 1) if they are constant."""
         by_function = self._by_function(x, len(values))
         m = 1 if self.is_constant(x) else values.shape[1]
-        out = np.empty((self.chain.n_places, 6, m))
-        for place, rows in enumerate(self._of_place):
-            np.matmul(by_function[rows].T, values[rows, :m], out=out[place])
+        out = np.zeros((self.chain.n_places, 6, m))
+        for place, rows, axes in self._runs:
+            out[place, axes] += by_function[rows, axes].T @ values[rows, :m]
         return out
 
     def motion_slopes(self, x: FloatArray, values: FloatArray) -> list[tuple[int, int, FloatArray]]:
@@ -336,9 +336,9 @@ class PerturbedChain:
         """The same with the values of the basis functions: derivatives by the motions, pulled before the functions."""
         _, motion_jacobian = moved_chain(self.chain, state, self.motions(x, values))
         by_motion = np.einsum("pacm,cm->pam", motion_jacobian, pulls)
-        by_function = np.empty((len(values), 6))
-        for rows, own in zip(self._of_place, by_motion, strict=True):
-            np.matmul(values[rows], own.T, out=by_function[rows])
+        by_function = np.zeros((len(values), 6))
+        for place, rows, axes in self._runs:
+            by_function[rows, axes] = values[rows] @ by_motion[place, axes].T
         coefficient, entry, component = self._entries
         sums = np.bincount(coefficient, component * by_function.ravel()[entry], minlength=self.n_coefficients)
         return np.asarray(sums, dtype=float)
@@ -454,6 +454,27 @@ class PerturbedChain:
             found.setdefault(table, []).append((rows, _joined(functions)))
         # The most functions first.
         return [(basis, sorted(uses, key=lambda use: use[0].start - use[0].stop)) for basis, uses in found.items()]
+
+    @cached_property
+    def _runs(self) -> list[tuple[int, slice, int | slice]]:
+        """Place, functions and components that these may move it along: one, of long series, or all of adjacent others.
+
+        The product with one component takes half the time of that with six.
+        """
+        axes_of = dict.fromkeys(self._functions, np.zeros(6, bool))
+        for term in self.terms:
+            key = term.place, term.basis
+            axes_of[key] = axes_of[key] | (np.array(term.direction) != 0)
+        runs: list[tuple[int, slice, int | slice]] = []
+        for (place, basis), rows in self._functions.items():
+            used = np.flatnonzero(axes_of[place, basis])
+            if len(used) == 1 and basis.n_functions > MOST_NARROW:
+                runs.append((place, rows, int(used[0])))
+            elif runs and runs[-1][0] == place and isinstance(runs[-1][2], slice):
+                runs[-1] = place, slice(runs[-1][1].start, rows.stop), slice(None)
+            else:
+                runs.append((place, rows, slice(None)))
+        return runs
 
     @cached_property
     def _of_place(self) -> list[slice]:

@@ -228,7 +228,7 @@ class Rounds:
         self.x, self.residuals = take_step(self.problem, x, here, step, cost, halving)
         active, after = self.prior.active, cost(self.x, self.residuals)
         predicted = 0.5 * float(step @ along + self.prior.precision[active] @ step[active] ** 2)
-        is_bent = self._share == 1 and before - after < LEAST_GAIN * predicted
+        is_bent = self._share == 1 and moved_by > SETTLED_STEP and before - after < LEAST_GAIN * predicted
         if is_bent and isinstance(posterior, Posterior):
             there = self._in_valley(x, here, step, posterior)
             residuals = self.problem.residuals(there)
