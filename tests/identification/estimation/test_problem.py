@@ -174,15 +174,15 @@ def test_motions_are_the_sums_of_the_terms(rng):
     np.testing.assert_allclose(arm.gradient(state, 1e-4 * x, pulls), dense, rtol=0, atol=1e-10 * np.abs(dense).max())
 
 
-def test_changes_of_tips_are_those_by_differences(rng):
+def test_changes_of_residuals_are_those_by_differences(rng):
     problem, x, _ = everything(4, n=FEW + 20)
-    chain, state = problem.perturbed_chain, problem.state
-    x = x[: chain.n_coefficients]
-    step = 1e-4 * x * rng.normal(size=len(x))
-    quotient = (chain.tips(state, x + step) - chain.tips(state, x - step)) / 2
-    # A part in 1e7 is of third order in steps of 1e-4 of usual motions; rounding leaves 1e-12 mm.
-    atol = 1e-7 * np.abs(quotient).max() + 1e-11
-    np.testing.assert_allclose(chain.tip_changes(state, x, step), quotient.T, rtol=0, atol=atol)
+    n = problem.perturbed_chain.n_coefficients
+    step = np.concatenate([1e-4 * x[:n] * rng.normal(size=n), np.zeros(len(x) - n)])
+    changes = problem.changes(x, step[:n], problem.residuals(x))
+    for change, one, other in zip(changes, problem.residuals(x + step), problem.residuals(x - step), strict=True):
+        quotient = (one - other) / 2
+        # A part in 1e7 is of third order in steps of 1e-4 of usual motions; rounding leaves 1e-12 mm.
+        np.testing.assert_allclose(change, quotient, rtol=0, atol=1e-7 * np.abs(quotient).max() + 1e-11)
 
 
 def test_relations_are_those_of_a_dense_jacobian_by_differences():

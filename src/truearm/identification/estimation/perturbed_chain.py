@@ -343,16 +343,6 @@ class PerturbedChain:
         sums = np.bincount(coefficient, component * by_function.ravel()[entry], minlength=self.n_coefficients)
         return np.asarray(sums, dtype=float)
 
-    def tip_changes(self, state: ArmState, x: FloatArray, step: FloatArray) -> FloatArray:
-        """(3, n) changes of the tips [mm] by a small change of the coefficients `x`, to first order."""
-        found = np.empty((3, len(state)))
-        for rows in chunks(len(state)):
-            piece = state.rows(rows)
-            values = self.values(piece)
-            _, motion_jacobian = moved_chain(self.chain, piece, self.motions(x, values))
-            found[:, rows] = np.einsum("pacm,pam->cm", motion_jacobian, self.motions(step, values))
-        return found
-
     def motion_derivatives(self, state: ArmState, x: FloatArray, place: int) -> FloatArray:
         """(n, 6, 3) derivatives of the tips [mm] by the components of a motion at a place."""
         out = np.empty((len(state), 6, 3))

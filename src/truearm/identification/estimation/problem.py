@@ -125,14 +125,17 @@ class SmallMotionProblem:
         return found
 
     def changes(self, x: FloatArray, step: FloatArray, residuals: Sequence[FloatArray]) -> list[FloatArray]:
-        """(k, m) changes of the residuals [mm] by a small step of the coefficients, to first order, where none turn.
+        """(k, m) changes of the residuals [mm] by a small step of the coefficients, to first order.
 
         `residuals` are those at `x`.
         """
         found = []
-        for reference, linear in zip(self.references, self.linearised(x, residuals), strict=True):
-            tips = self.perturbed_chain.tip_changes(self.state.rows(reference.rows), x, step)
-            found.append(np.einsum("kcm,cm->km", linear.by_tip, tips))
+        for i, linear in enumerate(self.linearised(x, residuals)):
+            pieces = (np.arange(rows.start, rows.stop) for rows in even_chunks(linear.residuals.shape[1]))
+            of_pieces = [
+                self.perturbed_chain.along(step, *self.site_derivatives(i, rows, linear, x)) for rows in pieces
+            ]
+            found.append(np.concatenate(of_pieces, axis=1))
         return found
 
     def _pieces(
