@@ -140,7 +140,8 @@ class PerturbedChain:
                 return np.concatenate([evaluate(state) for evaluate in evaluators])[rows]
         out = np.empty((self._of_place[-1].stop, len(state)))
         for basis, ((first, places), *others) in self._evaluated:
-            if isinstance(basis, Harmonics) and first.stop - first.start == basis.n_functions:  # all, in this order
+            n_used = first.stop - first.start
+            if isinstance(basis, Harmonics) and isinstance(places, slice) and n_used == basis.n_functions:  # all
                 found = basis.values(state, out[first])
             else:
                 found = basis.values(state)
@@ -434,16 +435,21 @@ class PerturbedChain:
             if isinstance(basis, Harmonics):
                 orders.setdefault(basis.joint, set()).update(basis.orders)
         tables = {joint: Harmonics(joint, tuple(sorted(of_joint))) for joint, of_joint in orders.items()}
-        found: dict[Basis, list[tuple[slice, IntArray | slice]]] = {}
+        found: dict[Basis, list[tuple[slice, list[slice]]]] = {}
         for (_, basis), rows in self._functions.items():
             table, functions = basis, [slice(0, basis.n_functions)]
             if isinstance(basis, Harmonics):
                 table = tables[basis.joint]
                 places = np.searchsorted(table.orders, basis.orders).tolist()
                 functions = [slice(2 * one, 2 * one + 2) for one in places]
-            found.setdefault(table, []).append((rows, _joined(functions)))
+            uses = found.setdefault(table, [])
+            if uses and uses[-1][0].stop == rows.start:  # adjacent ones of a place are one
+                (adjacent, before) = uses.pop()
+                rows, functions = slice(adjacent.start, rows.stop), before + functions
+            uses.append((rows, functions))
         # The most functions first.
-        return [(basis, sorted(uses, key=lambda use: use[0].start - use[0].stop)) for basis, uses in found.items()]
+        ordered = {basis: sorted(uses, key=lambda use: use[0].start - use[0].stop) for basis, uses in found.items()}
+        return [(basis, [(rows, _joined(functions)) for rows, functions in uses]) for basis, uses in ordered.items()]
 
     @cached_property
     def _runs(self) -> list[tuple[int, slice, int | slice]]:
