@@ -151,8 +151,9 @@ def test_a_sum_of_derivatives_along_vectors_is_that_of_all_derivatives(rng):
     np.testing.assert_allclose(chain.gradient(state, x, pulls), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
-def test_motions_are_the_sums_of_the_terms(rng):
-    """Of long series along one component, the same along two, and short ones before, between and after them."""
+@pytest.mark.parametrize("n", [30, FEW + 30])
+def test_motions_are_the_sums_of_the_terms(rng, n):
+    """Of long series along one component, the same along two, short ones before, between and after; in any order."""
     chain = random_chain(rng)
     series = [Harmonics(joint, tuple(range(1, 41))) for joint in (1, 2)]
     terms = [
@@ -162,13 +163,20 @@ def test_motions_are_the_sums_of_the_terms(rng):
         Term("lift", 1, (0.0, 0, 0, 0, 0.5, 0), Constant(), "zero", 1e-3),
         Term("screw", 2, (0.0, 0, 1, 0, 0, 2), series[1], "screw", 1e-4),
         Term("other", 2, (0.0, 0, 0, 0, 0, 1), Harmonics(2, tuple(range(50, 90))), "other", 1e-4),
+        Term("later", 3, (0.0, 0, 1, 0, 0, 0), Harmonics(3, (5, 9)), "later", 1e-4),
+        *(
+            Term("more", 3, (0.0, 0, 1, 0, 0, 0), Harmonics(3, tuple(range(k, k + 8))), "more", 1e-4)
+            for k in (10, 18, 26)
+        ),
+        Term("sooner", 3, (0.0, 0, 1, 0, 0, 0), Harmonics(3, (1, 2, 4)), "sooner", 1e-4),
+        Term("far", 3, (1.0, 0, 1, 0, 0, 0), Harmonics(2, tuple(range(90, 120))), "far", 1e-4),
     ]
-    arm, state = PerturbedChain(chain, tuple(terms)), random_state(chain, 30, rng)
-    x, expected = rng.normal(size=arm.n_coefficients), np.zeros((chain.n_places, 6, 30))
+    arm, state = PerturbedChain(chain, tuple(terms)), random_state(chain, n, rng)
+    x, expected = rng.normal(size=arm.n_coefficients), np.zeros((chain.n_places, 6, n))
     for term, columns in zip(terms, arm.columns, strict=True):
         expected[term.place] += np.multiply.outer(term.direction, x[columns] @ term.basis.values(state))
     np.testing.assert_allclose(arm.motions(x, arm.values(state)), expected, rtol=0, atol=1e-12)
-    pulls = rng.normal(size=(3, 30))
+    pulls = rng.normal(size=(3, n))
     ((_, _, columns),) = arm.derivatives(state, 1e-4 * x)
     dense = np.einsum("pcm,cm->p", columns, pulls)
     np.testing.assert_allclose(arm.gradient(state, 1e-4 * x, pulls), dense, rtol=0, atol=1e-10 * np.abs(dense).max())

@@ -56,11 +56,13 @@ def test_harmonics_by_the_addition_theorem_are_cosines_and_sines(orders, seed):
     assert got == pytest.approx(wanted, abs=2.3e-16 * 20 * (orders[-1] + 20))
 
 
-def test_harmonics_to_order_80_are_exact_to_1e_12():
-    angles = np.linspace(-7, 7, 500)[:, None] * [1, 1]
-    basis = Harmonics(1, tuple(range(1, 81)))
-    wanted = harmonics(angles[:, 0], basis.orders).reshape(500, -1).T
-    assert basis.values(ArmState(flat_chain(), angles)) == pytest.approx(wanted, abs=1e-12)
+def test_harmonics_to_order_1000_are_exact_to_3e_14():
+    """At angles of few binary digits, whose multiples have no rounding."""
+    angles = np.arange(-3600, 3600, 13)[:, None] / 512
+    for orders in (range(1, 1001), range(1, 81), range(3, 1000, 7), [1, 64, 1000]):
+        wanted = harmonics(angles[:, 0], orders).reshape(len(angles), -1).T
+        got = Harmonics(1, tuple(orders)).values(ArmState(flat_chain(), angles * [1, 1]))
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=3e-14)
 
 
 @settings(max_examples=40)

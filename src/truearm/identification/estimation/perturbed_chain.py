@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import accumulate, pairwise
+from itertools import accumulate, groupby, pairwise
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -140,8 +140,7 @@ class PerturbedChain:
                 return np.concatenate([evaluate(state) for evaluate in evaluators])[rows]
         out = np.empty((self._of_place[-1].stop, len(state)))
         for basis, ((first, places), *others) in self._evaluated:
-            n_used = first.stop - first.start
-            if isinstance(basis, Harmonics) and isinstance(places, slice) and n_used == basis.n_functions:  # all
+            if isinstance(basis, Harmonics) and first.stop - first.start == basis.n_functions:  # all, in this order
                 found = basis.values(state, out[first])
             else:
                 found = basis.values(state)
@@ -443,9 +442,9 @@ class PerturbedChain:
                 places = np.searchsorted(table.orders, basis.orders).tolist()
                 functions = [slice(2 * one, 2 * one + 2) for one in places]
             uses = found.setdefault(table, [])
-            if uses and uses[-1][0].stop == rows.start:  # adjacent ones of a place are one
-                (adjacent, before) = uses.pop()
-                rows, functions = slice(adjacent.start, rows.stop), before + functions
+            if uses and (uses[-1][0].stop, uses[-1][1][-1].stop) == (rows.start, functions[0].start):  # go on
+                before, known = uses.pop()
+                rows, functions = slice(before.start, rows.stop), known + functions
             uses.append((rows, functions))
         # The most functions first.
         ordered = {basis: sorted(uses, key=lambda use: use[0].start - use[0].stop) for basis, uses in found.items()}
@@ -453,7 +452,7 @@ class PerturbedChain:
 
     @cached_property
     def _runs(self) -> list[tuple[int, slice, int | slice]]:
-        """Place, functions and components that these may move it along: one, of long series, or all of adjacent others.
+        """Place, functions and components that these may move it along: one, of many functions, or all of the others.
 
         The product with one component takes half the time of that with six.
         """
@@ -464,13 +463,11 @@ class PerturbedChain:
         runs: list[tuple[int, slice, int | slice]] = []
         for (place, basis), rows in self._functions.items():
             used = np.flatnonzero(axes_of[place, basis])
-            if len(used) == 1 and basis.n_functions > MOST_NARROW:
-                runs.append((place, rows, int(used[0])))
-            elif runs and runs[-1][0] == place and isinstance(runs[-1][2], slice):
-                runs[-1] = place, slice(runs[-1][1].start, rows.stop), slice(None)
-            else:
-                runs.append((place, rows, slice(None)))
-        return runs
+            runs.append((place, rows, int(used[0]) if len(used) == 1 else slice(None)))
+        few = [
+            (place, rows, rows.stop - rows.start <= MOST_NARROW, axes) for place, rows, axes in _adjacent_joined(runs)
+        ]
+        return _adjacent_joined([(place, rows, slice(None) if is_few else axes) for place, rows, is_few, axes in few])
 
     @cached_property
     def _of_place(self) -> list[slice]:
@@ -526,6 +523,13 @@ def moved_chain(chain: Chain, state: ArmState, motions: FloatArray | None = None
 def chunks(n: int, size: int = CHUNK) -> list[slice]:
     """Slices of readings that are evaluated together."""
     return [slice(start, min(start + size, n)) for start in range(0, n, size)]
+
+
+def _adjacent_joined(runs: list[tuple[int, slice, int | slice]]) -> list[tuple[int, slice, int | slice]]:
+    """Runs of functions of one place and component, one after the other, as one."""
+    by_axes = groupby(runs, lambda run: (run[0], run[2]))
+    groups = [(place, [rows for _, rows, _ in same], axes) for (place, axes), same in by_axes]
+    return [(place, slice(rows[0].start, rows[-1].stop), axes) for place, rows, axes in groups]
 
 
 def _joined(rows: list[slice]) -> IntArray | slice:
