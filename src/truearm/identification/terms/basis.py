@@ -561,10 +561,10 @@ def _turns(angle: FloatArray, n: int) -> FloatArray:
     for bit in range(1, powers.shape[1]):
         np.square(powers[:, bit - 1], out=powers[:, bit])
     turns = np.empty((powers.shape[0] * powers.shape[1], 2, 2, len(angle)))
-    powers = powers.reshape(len(turns), len(angle))
-    turns[:, 0, 0] = turns[:, 1, 1] = powers.real
-    turns[:, 1, 0] = powers.imag
-    np.negative(powers.imag, out=turns[:, 0, 1])
+    in_order = powers.reshape(len(turns), len(angle))
+    turns[:, 0, 0] = turns[:, 1, 1] = in_order.real
+    turns[:, 1, 0] = in_order.imag
+    np.negative(in_order.imag, out=turns[:, 0, 1])
     return turns
 
 
