@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import truearm as ta
+from truearm.identification.judgement import joint_signs
 from truearm.identification.judgement.joint_signs import GROUP
 
 
@@ -92,6 +93,27 @@ def test_a_sign_that_is_shown_changes_nothing():
     session = simulated("box")
     beside = ta.load_arm("ur10").chain.pose(session.angles).R_base_tip[:, :, 1]
     assert not signs(ta.fit("ur10", replace(session, points=session.points + 50 * beside), model="kinematic").model)
+
+
+@pytest.mark.parametrize(("strategy", "is_reversed", "n_fewer"), [("uniform", False, 1), ("box", True, 0)])
+def test_the_squares_of_the_stated_sign_are_enough_where_the_other_leaves_clearly_more(
+    strategy, is_reversed, n_fewer, monkeypatch
+):
+    training = simulated(strategy, poses=60)  # 180 coordinates, of which 30 constants leave more than 100
+    training = reversed_j6(training) if is_reversed else training
+    linearised, contrasts = [], joint_signs.contrasts
+    monkeypatch.setattr(joint_signs, "contrasts", lambda *given: linearised.append(given) or contrasts(*given))
+
+    def stds() -> list[float]:
+        linearised.clear()
+        terms = ta.fit("ur10", training, model="kinematic").model.fit_.perturbed_chain.terms
+        return [term.prior_std for term in terms if term.group == GROUP]
+
+    of_bound, n_by_bound = stds(), len(linearised)
+    monkeypatch.setattr(joint_signs, "_is_surely_less", lambda *_: False)
+    assert stds() == of_bound
+    assert len(of_bound) == 2 * is_reversed
+    assert n_by_bound == len(linearised) - n_fewer
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.weekly)])

@@ -23,7 +23,7 @@ from truearm.findings import Finding
 from truearm.identification.estimation.identification import linearised_about, select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult, TermGroupResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
-from truearm.identification.judgement.structure import contrasts
+from truearm.identification.judgement.structure import Contrasts, contrasts
 from truearm.identification.references.references import Reference
 from truearm.identification.terms import ArmState, Expression, Formula, Term
 from truearm.identification.terms.catalogue import LENGTH_STD, relative_size
@@ -79,6 +79,7 @@ def unshown_signs(
     offsets = _offsets(fit, some)
     left = cache(lambda arm, at: contrasts(arm, at, references, constants, []))
     judges = [(fit, LEAST_ODDS), *([] if rigid is None else [(rigid, 1 / LEAST_ODDS)])]
+    n_constants = sum(term.n_coefficients for term in constants)
     found = []
     for joint in np.flatnonzero(~state.chain.is_prismatic).tolist():
         angles = some.joint_angles[:, joint]
@@ -87,7 +88,10 @@ def unshown_signs(
             continue
         turned = _reversed(state, joint)
         for judge, least in judges:
-            stated, other = left(judge, state), left(judge, turned)
+            other = left(judge, turned)
+            if _is_surely_less(judge, other, n_constants, least):
+                continue
+            stated = left(judge, state)
             variances = [max(one.squares / max(stated.freedom, 1), LEAST_NOISE_MM**2) for one in (stated, other)]
             independent = min(stated.freedom, MOST_INDEPENDENT)
             log_odds = 0.5 * independent * float(np.log(variances[0] / variances[1]))
@@ -103,6 +107,18 @@ def unshown_signs(
             changes = {term: change[columns] for term, columns in zip(chain.terms, chain.columns, strict=True)}
             found.append(UnshownSign(changes, _terms(joint + 1, offset, std)))
     return found
+
+
+def _is_surely_less(judge: IdentificationResult, other: Contrasts, n_constants: int, odds: float) -> bool:
+    """Whether the odds of the reversed sign are less, by points, even if constants take up nothing of the stated one's.
+
+    That needs no derivatives. No more contrasts are independent than there are coordinates, and no fewer by constants.
+    """
+    squares = [one.robust_weight * one.residuals**2 for one in judge.references if one.kind == "point"]
+    if len(squares) < len(judge.references) or other.freedom < MOST_INDEPENDENT + n_constants:
+        return False
+    most = sum(max(float(one.sum()), one.size * LEAST_NOISE_MM**2) for one in squares)
+    return most < odds ** (2 / MOST_INDEPENDENT) * other.squares
 
 
 def with_unshown_signs(fit: IdentificationResult, signs: Sequence[UnshownSign]) -> IdentificationResult:
