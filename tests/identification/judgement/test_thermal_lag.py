@@ -7,9 +7,13 @@ import pytest
 from scipy.stats import chi2
 
 from truearm.arm import load_arm
+from truearm.identification.estimation.identification_result import IdentificationResult, ReferenceFit
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.judgement.expansion_prior import LAG_K
-from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, lagging_temperatures, most_lag_K
+from truearm.identification.judgement.thermal_lag import TIME_CONSTANTS, _products, lagging_temperatures, most_lag_K
+from truearm.identification.terms import ArmState, Constant, Term
 from truearm.identification.terms.basis import Temperature
+from truearm.identification.terms.catalogue import own_axis, thermal
 from truearm.identification.terms.links import MATERIALS
 from truearm.models import KinematicModel, PhysicalModel
 from truearm.readings import Session
@@ -50,6 +54,31 @@ def test_links_lag_as_long_behind_the_air_in_a_sample():
 )
 def test_only_a_drift_of_some_kelvins_leaves_slow_links_behind(degC, lags):
     assert (most_lag_K(degC.astype(float)) > LAG_K) == lags
+
+
+def test_products_of_growth_and_drift_are_those_of_the_derivatives_of_all_coefficients():
+    """To rounding, of J2 with 32 functions, whose coordinates are contracted first, and of others with one."""
+    rng, arm, m = np.random.default_rng(3), load_arm("gao2017"), 90
+    axes = np.eye(6).tolist()
+    free = [
+        Term(f"{place} {i}", place, tuple(axes[i]), Constant(), "set-up", 1.0) for place in (0, 7) for i in range(6)
+    ]
+    growth = thermal(arm.chain)
+    chain = PerturbedChain(arm.chain, (*free, *growth, *own_axis(arm.chain, 2, highest=16)))
+    x, grows = 1e-4 * rng.normal(size=chain.n_coefficients), np.arange(12, 12 + len(growth))
+    std, weight = rng.uniform(0.01, 0.02, (3, m)), rng.uniform(0.5, 1, m)
+    part = ReferenceFit("point", np.arange(m), rng.normal(size=(3, m)), std, 0.01, weight, np.zeros(m, int), {})
+    fit = IdentificationResult(chain, x, np.eye(len(x)), np.ones(len(x)), (), (part,), True, 1)
+    kelvin, courses = rng.normal(size=(m, 2)), rng.normal(size=(m, 3))
+    state = ArmState.of(arm, rng.uniform(-1, 1, (m, 6)), temperature_degC=rng.uniform(20, 25, m))
+    ((_, _, columns),) = chain.derivatives(replace(state, temperature_degC=np.full(m, 21.0)), x)
+    by_time = [columns[grows, None] * kelvin.T[:, None], columns[[*range(6), 9, 10, 11], None] * courses.T[:, None]]
+    by_time[1][:3] /= fit.chain.reach
+    moved = np.concatenate([one.swapaxes(0, 1).reshape(-1, 3 * m) for one in by_time]) * part.weights.ravel()
+    J = columns.reshape(len(x), -1) * part.weights.ravel()
+    plain = J @ moved.T, moved @ moved.T, moved @ (part.weights * part.residuals).ravel()
+    for found, expected in zip(_products(fit, state, grows, kelvin, courses), plain, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.fixture(scope="module")

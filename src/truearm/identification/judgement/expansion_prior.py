@@ -46,7 +46,6 @@ from truearm.identification.terms.links import MATERIALS, UNKNOWN_MATERIAL
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
-from truearm.solve.linear_algebra import add_product
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # By how much links may be behind the thermometer, root mean square over a session [K].
@@ -123,27 +122,28 @@ class _Mixture:
         return float(self.weight @ (self.means.shape[1] - np.trace(self.covariances, axis1=1, axis2=2)))
 
     @property
-    def covariance(self) -> FloatArray:
-        """(n_others + 2 n, n_others + 2 n) likewise: a product of few columns."""
+    def products(self) -> tuple[FloatArray, FloatArray]:
+        """(n_others + 2 n, q) matrices A and B with ``A B^T`` likewise the covariance, but for `hidden`."""
         mean, n = self.mean, self.means.shape[1]
-        columns, weighed = [], []
+        left, right = [], []
         for moved, weight, gain, of in self._by_gain():
             along = np.zeros((len(mean), 3 * n))
             along[: -2 * n, :n], along[-2 * n :, n:] = gain, np.eye(2 * n)
             typical = weight @ moved / weight.sum()
-            about = moved - typical
-            small = np.einsum(
-                "k,kac,kcd,kbd->ab", weight, self.causes[of], self.covariances[of], self.causes[of], optimize=True
-            )
+            about, causes = moved - typical, self.causes[of]
+            weighed = weight[:, None, None] * (causes @ self.covariances[of])
+            small = np.tensordot(weighed, causes, axes=((0, 2), (0, 2)))
             off = (along @ typical - mean)[:, None]
-            columns += [along, off]
-            weighed += [along @ (small + (about.T * weight) @ about), weight.sum() * off]
+            left += [along @ (small + (about.T * weight) @ about), weight.sum() * off]
+            right += [along, off]
         drifts = np.concatenate([self.as_others, np.zeros((2 * n, self.as_others.shape[1]))])
-        columns.append(drifts)
-        weighed.append(drifts @ np.einsum("k,kdc,kec->de", self.weight, self.drifts, self.drifts))
-        covariance = np.hstack(weighed) @ np.hstack(columns).T
-        covariance[-2 * n :, -2 * n :] += np.tensordot(self.weight, self.rest, axes=1)
-        return np.asarray(covariance)
+        left.append(drifts @ np.einsum("k,kdc,kec->de", self.weight, self.drifts, self.drifts))
+        return np.hstack(left), np.hstack([*right, drifts])
+
+    @property
+    def hidden(self) -> FloatArray:
+        """(2 n, 2 n) covariance of the latter two that no reading shows."""
+        return np.tensordot(self.weight, self.rest, axes=1)
 
     def _by_gain(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, BoolArray]]:
         """Of each gain the mean motions by the causes, the weights, the gain, and which hypotheses have it."""
@@ -207,14 +207,17 @@ def with_material_prior(fit: IdentificationResult, state: ArmState, *, widened: 
     new = _mixture(histories)
     wide = new if widened == 1 else _mixture(histories, widened)
     # The others, growth, and constants that take the lengths to 20 degC.
-    n, mean, covariance = len(others), new.mean, wide.covariance
+    n, mean, beyond = len(others), new.mean, p + np.arange(len(grows))
     mean[:n] += fit.coefficients[others] - gain @ fit.coefficients[grows]
-    add_product(covariance[:n, :n], -gain @ of_growth, gain)
-    covariance[p:, p:] += u_K**2 * (covariance[n:p, n:p] + np.outer(mean[n:p], mean[n:p]))
-    order = np.argsort(np.concatenate([others, grows, p + np.arange(len(grows))]))
-    x, covariance, known = mean[order], covariance.take(order, 0).take(order, 1), fit.covariance.copy()
-    known[grows] = known[:, grows] = 0.0
-    covariance[:p, :p] += known
+    order = np.argsort(np.concatenate([others, grows, beyond]))
+    without = np.concatenate([gain, np.zeros((2 * len(grows), len(grows)))])
+    left, right = (np.hstack(both)[order] for both in zip(wide.products, (-without @ of_growth, without), strict=True))
+    x, covariance, both = mean[order], left @ right.T, np.concatenate([grows, beyond])
+    covariance[np.ix_(both, both)] += wide.hidden
+    covariance[p:, p:] += u_K**2 * (covariance[np.ix_(grows, grows)] + np.outer(x[grows], x[grows]))
+    new_of_growth = covariance[grows, :p], covariance[:p, grows]  # copies
+    covariance[:p, :p] += fit.covariance
+    covariance[grows, :p], covariance[:p, grows] = new_of_growth
     covariance = (covariance + covariance.T) / 2
     prior_std = fit.prior_std.copy()
     prior_std[grows] = np.sqrt(UNKNOWN_MATERIAL.covariance(len(grows)).diagonal())

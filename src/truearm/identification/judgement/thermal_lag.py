@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truearm.identification.estimation.identification_result import IdentificationResult
-from truearm.identification.estimation.perturbed_chain import chunks, moved_chain
+from truearm.identification.estimation.perturbed_chain import MOST_NARROW, chunks, moved_chain
 from truearm.identification.terms.catalogue import relative_size
 from truearm.identification.terms.links import link_temperatures
 from truearm.identification.terms.state import ArmState
@@ -199,15 +199,17 @@ def _products(
     times functions of time.
     """
     points, arm, x = fit.references[0], fit.perturbed_chain, fit.coefficients
-    links, m = len(grows), len(points.rows)
+    links, m, whole = len(grows), len(points.rows), points.weights
     one_kelvin = replace(state.rows(points.rows), temperature_degC=np.full(m, REFERENCE_DEGC + 1))
     growths, drifts = np.arange(links), links + np.arange(N_DRIFTS)
     motion = np.concatenate([np.tile(growths, kelvin.shape[1]), np.tile(drifts, courses.shape[1])])
     over_time = np.concatenate([kelvin.T.repeat(links, axis=0), courses.T.repeat(N_DRIFTS, axis=0)])[:, points.rows]
     site_of, row_of = arm.of_coefficient
+    wide = [number for number, site in enumerate(arm.sites) if len(site.columns) > MOST_NARROW]
+    narrow = np.flatnonzero(~np.isin(site_of, wide))
     across, among, right = np.zeros((len(x), len(motion))), np.zeros((len(motion),) * 2), np.zeros(len(motion))
     for rows in chunks(m):
-        weights, in_time, piece = points.weights[:, rows], over_time[:, rows], one_kelvin.rows(rows)
+        weights, in_time, piece = whole[:, rows], over_time[:, rows], one_kelvin.rows(rows)
         values = arm.values(piece)
         by_motion = moved_chain(arm.chain, piece, arm.motions(x, values))[1]
         weighed = arm.along_sites(by_motion) * weights
@@ -217,9 +219,11 @@ def _products(
         design = (motions[motion] * in_time[:, None]).reshape(len(motion), -1)
         among += design @ design.T
         right += design @ (weights * points.residuals[:, rows]).ravel()
-        contracted = np.einsum("skm,dkm->sdm", weighed, motions)
-        for site, products, own in zip(arm.sites, contracted, arm.by_site(values), strict=True):
-            across[site.columns] += own @ (products[motion] * in_time).T
+        columns = weighed[site_of[narrow]] * values[row_of[narrow]][:, None]
+        across[narrow] += columns.reshape(len(narrow), -1) @ design.T
+        for number in wide:  # coordinates are contracted before the functions, which are many
+            products = np.einsum("km,dkm->dm", weighed[number], motions)
+            across[arm.sites[number].columns] += values[arm.sites[number].rows] @ (products[motion] * in_time).T
     return across, among, right
 
 
