@@ -118,7 +118,7 @@ def _is_surely_less(judge: IdentificationResult, other: Contrasts, n_constants: 
     if len(squares) < len(judge.references) or other.freedom < MOST_INDEPENDENT + n_constants:
         return False
     most = sum(max(float(one.sum()), one.size * LEAST_NOISE_MM**2) for one in squares)
-    return most < odds ** (2 / MOST_INDEPENDENT) * other.squares
+    return bool(most < odds ** (2 / MOST_INDEPENDENT) * other.squares)
 
 
 def with_unshown_signs(fit: IdentificationResult, signs: Sequence[UnshownSign]) -> IdentificationResult:
