@@ -302,25 +302,25 @@ def _solved(
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Means of the active parameters, F with ``F^T F = (G + P)^-1`` of them, and whether it is a lower triangle.
 
-    Columns are first scaled to unit diagonal, before elimination, so that radians and millimetres compare.
+    Rows and columns need no common unit: Cholesky's factor and its inverse have the rounding of a matrix that is scaled
+    to unit diagonal (Higham, section 10.1). Pivots are compared with the diagonal before elimination.
     """
     if len(active) < len(gram):
         gram, right = gram[np.ix_(active, active)], right[active]
         size = None if size is None else size[active]
     precision = prior.precision[active]
     size = np.maximum(gram.diagonal() if size is None else size, 0)
-    matrix, scale = unit_diagonal(gram, size + precision)
-    matrix.flat[:: len(matrix) + 1] += precision / scale**2
+    matrix = gram.copy()
+    matrix.flat[:: len(matrix) + 1] += precision
     try:
         # The transpose of a symmetric matrix is itself, in the order of columns that LAPACK works on without a copy.
         lower = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)
     except LinAlgError:
         return _solved_by_orthogonal_factors(gram, right, precision, size)
-    if (lower.diagonal() ** 2).min(initial=1.0) < MIN_PIVOT:
+    if (lower.diagonal() ** 2 < MIN_PIVOT * (size + precision)).any():
         return _solved_by_orthogonal_factors(gram, right, precision, size)
     # With A = L L^T it is L^-1, which costs a third of A^-1.
     root = inverse_triangle(lower)
-    root /= scale
     return root.T @ (root @ right), root, True
 
 

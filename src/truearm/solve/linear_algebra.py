@@ -62,16 +62,13 @@ def unit_diagonal(matrix: FloatArray, size: FloatArray | None = None) -> tuple[F
 
 def covariance_factor(covariance: FloatArray) -> FloatArray:
     """F with ``F^T F`` the covariance (p, p), which may be singular."""
-    if not len(covariance):
-        return covariance
-    matrix, scale = unit_diagonal(covariance)
     try:
-        factor = cholesky(matrix, lower=False, check_finite=False)
+        # The lower triangle of the transpose is the upper one in the order of rows, which is read most.
+        return cholesky(np.array(covariance, order="C").T, lower=True, overwrite_a=True, check_finite=False).T
     except LinAlgError:  # singular to rounding
+        matrix, scale = unit_diagonal(covariance)
         values, vectors = np.linalg.eigh(matrix)
-        factor = (vectors * np.sqrt(np.maximum(values, 0))).T
-    factor *= scale
-    return np.asarray(factor)
+        return np.asarray((vectors * np.sqrt(np.maximum(values, 0))).T * scale)
 
 
 def inverse_root(matrix: FloatArray, least: float, size: FloatArray | None = None) -> FloatArray:

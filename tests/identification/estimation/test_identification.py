@@ -12,8 +12,8 @@ from scipy.stats import binom
 from refusals import refuses
 from truearm.arm import load_arm
 from truearm.errors import InputError
-from truearm.identification.estimation import identification
-from truearm.identification.estimation.group_scales import MOST_SCALE
+from truearm.identification.estimation import identification, rounds
+from truearm.identification.estimation.group_scales import MOST_SCALE, scale_rounds
 from truearm.identification.estimation.identification import identify
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import linearised, roughly_linearised
@@ -438,6 +438,25 @@ def test_a_matrix_of_some_readings_prunes_the_groups_that_one_of_all_prunes(arm,
     # Each ends within a twentieth of its uncertainty of the minimum.
     assert np.linalg.norm(by_sample.tips(state) - directly.tips(state), axis=1).max() < 0.1 * std[1].max()
     np.testing.assert_allclose(std[0], std[1], rtol=0.01)
+
+
+def test_scales_that_follow_from_one_linearisation_to_the_next_give_the_arm_of_converged_ones(arm, rng, monkeypatch):
+    """Where a weighing costs more than two linearisations there is one each: tips within a fiftieth of u."""
+    assert scale_rounds(1400, 3_000, is_first=False, is_calm=True) == 0
+    assert [scale_rounds(1400, n, is_first=False, is_calm=True) for n in (25_000, 60_000)] == [1, 2]
+    assert all(scale_rounds(p, 3_000, is_first=True, is_calm=False) == 1 for p in (45, 1400))
+    assert scale_rounds(45, 3_000, is_first=False, is_calm=True) == 11
+    turns = [term for joint in (2, 3) for term in own_axis(arm.chain, joint, highest=16)]
+    terms, angles = [*constants(arm.chain, free=()), *turns], poses(arm, 150, rng, half_width=2.0)
+    scales = {term.group: 0.1 * i for i, term in enumerate(turns)}
+    points, fits = seen(arm, terms, drawn(terms, rng, scales=scales), angles, rng), []
+    for n in (0, 20):
+        monkeypatch.setattr(rounds, "scale_rounds", lambda *_, is_first, n=n, **__: n or int(is_first))
+        fits.append(found(arm, angles, points, terms))
+    state = ArmState(arm.chain, poses(arm, 200, rng, half_width=2.0))
+    std = [np.sqrt(np.trace(fit.tip_covariance(state), axis1=1, axis2=2)) for fit in fits]
+    assert (np.linalg.norm(fits[0].tips(state) - fits[1].tips(state), axis=1) / std[1]).max() < 0.02
+    np.testing.assert_allclose(std[0], std[1], rtol=0.02)
 
 
 def test_few_of_many_readings_are_excluded_and_come_back_by_one_step(arm, rng, monkeypatch):

@@ -100,7 +100,8 @@ class CovarianceRoot:
         order = np.concatenate([uncertain[~is_wide[site_of[uncertain]]], *wide])
         stops = len(order) - np.cumsum([0, *map(len, wide[::-1])])[::-1]
         spans = tuple(slice(int(start), int(stop)) for start, stop in pairwise(stops))
-        return cls(perturbed_chain, order, spans, covariance[np.ix_(order, order)])
+        # Rows first: half the time of both at once.
+        return cls(perturbed_chain, order, spans, covariance.take(order, axis=0).take(order, axis=1))
 
     @cached_property
     def factor(self) -> FloatArray:

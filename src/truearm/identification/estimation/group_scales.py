@@ -27,8 +27,9 @@ from truearm.solve.group_evidence import (
 from truearm.typing import BoolArray, FloatArray, IntArray
 
 # Rounds of the evidence on one linearisation, at most, of as many as cost less than it: with p coefficients one costs
-# about as much as the products of so many times p residuals, and a linearisation never less than that of so many.
-MOST_SCALE_ROUNDS, RESIDUALS_OF_A_ROUND, LEAST_RESIDUALS = 20, 20, 10_000
+# about as much as the products of so many times p residuals, and a linearisation never less than that of so many. One
+# that costs more than two of these is left to the next round, which needs it anyway.
+MOST_SCALE_ROUNDS, RESIDUALS_OF_A_ROUND, LEAST_RESIDUALS, LEAST_AFFORDABLE = 20, 20, 10_000, 0.5
 # Scales have converged when none changes by a larger share; a scale is known to some tens of per cent at best.
 SETTLED_SCALES = 1e-2
 # Groups of fewer effective parameters are not considered for that.
@@ -137,8 +138,9 @@ def scale_rounds(n_coefficients: int, n_residuals: int, *, is_first: bool, is_ca
     No more than one while the noise still changes, as the scales follow it from one linearisation to the next; but one
     at first, where all groups are as large as arms may have them, and would explain noise.
     """
-    affordable = max(n_residuals, LEAST_RESIDUALS) // (RESIDUALS_OF_A_ROUND * max(n_coefficients, 1))
-    return min(max(affordable, int(is_first or is_calm)), MOST_SCALE_ROUNDS if is_calm else 1)
+    affordable = max(n_residuals, LEAST_RESIDUALS) / (RESIDUALS_OF_A_ROUND * max(n_coefficients, 1))
+    least = int(is_first or (is_calm and affordable >= LEAST_AFFORDABLE))
+    return min(max(int(affordable), least), MOST_SCALE_ROUNDS if is_calm else 1)
 
 
 def weigh_evidence(

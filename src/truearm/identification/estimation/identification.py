@@ -310,7 +310,7 @@ def _result(
     return IdentificationResult(
         PerturbedChain(perturbed_chain.chain, kept),
         x[active],
-        covariance[np.ix_(active, active)],
+        covariance if len(active) == len(x) else covariance[np.ix_(active, active)],
         (prior.ratio * prior.scale[prior.group])[active],
         tuple(
             TermGroupResult(name, n, float(effective[i]), float(prior.scale[i]))
