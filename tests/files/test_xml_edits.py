@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truearm.files.foreign_documents import Element, parse_xml
-from truearm.wings.exports.formats.urdf import Edit, apply_edits, set_attributes, start_tag, tag_text
+from truearm.wings.exports.formats.urdf import set_attributes, start_tag, tag_text
+from truearm.wings.exports.targets.edits import Edit, with_edits
 
 VALUES = st.text(st.characters(blacklist_categories=("Cs", "Cc")), max_size=12)
 
@@ -16,7 +17,7 @@ VALUES = st.text(st.characters(blacklist_categories=("Cs", "Cc")), max_size=12)
 def test_a_value_that_is_set_is_read_back(old, new):
     content = f"<a>t<b {tag_text('c', {'x': old, 'y': old})[3:-2]} />u</a>".encode()
     (element,) = parse_xml(content)
-    edited = apply_edits(content, [set_attributes(content, element.start, {"y": new, "z": new})])
+    edited = with_edits(content, [set_attributes(content, element.start, {"y": new, "z": new})])
     (after,) = ET.fromstring(edited)
     assert after.attrib == {"x": old, "y": new, "z": new}
     assert edited.startswith(b"<a>t<b x=")
@@ -36,7 +37,7 @@ def test_a_value_that_is_set_is_read_back(old, new):
 )
 def test_only_the_attribute_changes(tag, edited):
     content = tag.encode()
-    assert apply_edits(content, [set_attributes(content, 0, {"x": "2"})]) == edited.encode()
+    assert with_edits(content, [set_attributes(content, 0, {"x": "2"})]) == edited.encode()
 
 
 def test_elements_know_their_bytes():
@@ -52,14 +53,14 @@ def test_elements_know_their_bytes():
 
 
 def test_insertions_keep_their_order():
-    assert apply_edits(b"abc", [Edit(2, 2, b"x"), Edit(0, 1, b"-"), Edit(2, 2, b"y")]) == b"-bxyc"
+    assert with_edits(b"abc", [Edit(2, 2, b"x"), Edit(0, 1, b"-"), Edit(2, 2, b"y")]) == b"-bxyc"
 
 
 def test_long_gaps_take_no_longer_than_their_length():
     """A quarter of a megabyte of spaces: anything quadratic would take minutes."""
     gap = b" " * 250_000
     content = b"<a" + gap + b"x" + gap + b"='1'" + gap + b"y='2'" + gap + b"/>"
-    edited = apply_edits(content, [set_attributes(content, 0, {"x": "2", "z": "3"})])
+    edited = with_edits(content, [set_attributes(content, 0, {"x": "2", "z": "3"})])
     assert edited.endswith(b"y='2' z=\"3\"" + gap + b"/>")
 
 

@@ -24,19 +24,18 @@ from truearm.verbs.inputs import ModelLike, is_model_file, model_file_fingerprin
 from truearm.verbs.outputs import check_output as check_file
 from truearm.verbs.predict import check_table_path
 from truearm.verbs.record import TableRecord, format_fixed, listed
-from truearm.wings.exports.targets import TargetDirection
-from truearm.wings.exports.targets.correction import (
-    JOINTS_OF_A_POSE,
-    Correction,
-    Untrained,
-    correct_targets,
-    input_remarks,
-    turns_of,
-)
+from truearm.wings.exports.targets import TargetDirection, Untrained
+from truearm.wings.exports.targets.correction import Correction, correct_targets, input_remarks
 from truearm.wings.exports.targets.joint_files import read_corrected, read_joint_file
 from truearm.wings.exports.targets.joint_files.joint_file import JointFile
 from truearm.wings.exports.targets.manifest import Frame, Manifest, TargetsManifest, check_joints, read_manifest
-from truearm.wings.exports.targets.pose_models import nominal_poses, reference_from_base, with_tool
+from truearm.wings.exports.targets.pose_models import (
+    JOINTS_OF_A_POSE,
+    nominal_poses,
+    reference_from_base,
+    turns_of,
+    with_tool,
+)
 from truearm.wings.exports.targets.program_literals import (
     LANGUAGES,
     FanucJ3,
@@ -369,17 +368,15 @@ class CorrectedTargets(TableRecord):
             tips = nominal_poses(self.equipped).chain.tip_in_base(joints)
         else:
             tips = self.equipped.predict(joints)
-        manifest = Manifest.of(
-            self.model, format, tips=self._in_frame(tips), direction=self.direction, frame=self.frame
+        return Manifest.of(
+            self.model,
+            format,
+            tips=self._in_frame(tips),
+            corrected_joints=[tuple(q) if np.isfinite(q).all() else None for q in checked.joints.tolist()],
+            direction=self.direction,
+            frame=self.frame,
+            tool=None if self.tool is None else tuple(_checked_tool(self.tool).tolist()),
         )
-        poses = tuple(
-            pose if refused else pose.model_copy(update={"corrected_joints": tuple(q)})
-            for pose, q, refused in zip(
-                manifest.check_poses, checked.joints.tolist(), checked.refused.tolist(), strict=True
-            )
-        )
-        tool = None if self.tool is None else tuple(_checked_tool(self.tool).tolist())
-        return manifest.model_copy(update={"check_poses": poses, "tool": tool})
 
     def _in_frame(self, tips: FloatArray) -> FloatArray:
         """Tips (n, 3) in the frame of the reference, in that of the targets [mm]."""

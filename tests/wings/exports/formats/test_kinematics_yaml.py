@@ -72,9 +72,9 @@ def test_the_file_has_the_arm_that_was_built(source, built, tmp_path):
     again = ta.load_arm(out)
     tool = rigid.arm.chain.tip_in_flange
     np.testing.assert_allclose(
-        again.chain.with_tip(tool).tip_in_base(q), rigid.tips_in_base(q), rtol=0, atol=1e-9
+        again.chain.with_tip(tool).tip_in_base(q), rigid.arm.chain.tip_in_base(q), rtol=0, atol=1e-9
     )  # mm
-    np.testing.assert_allclose(kinematics_yaml.tips(out, q), rigid.tips_in_base(q), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(kinematics_yaml.tips(out, q), rigid.arm.chain.tip_in_base(q), rtol=0, atol=1e-9)
     assert ta.check_export(model, out).agrees
     before = source.read_bytes().decode().splitlines(keepends=True)
     after = out.read_bytes().decode().splitlines(keepends=True)[4:]

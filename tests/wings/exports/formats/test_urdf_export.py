@@ -172,7 +172,7 @@ def test_any_axes_and_origins_give_the_models_points(tmp_path, seed):
     rigid = urdf.write(model, tmp_path / "out.urdf", source=links).rigid
     q = poses(5, seed=seed)
     found = 1000 * pinocchio_tips(tmp_path / "out.urdf", MOVING, q * [1, 1, 1, 1e-3, 1], "base_link", "tip")
-    np.testing.assert_allclose(found, rigid.tips_in_base(q), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found, rigid.arm.chain.tip_in_base(q), rtol=0, atol=1e-9)
     T = rigid.T_reference_base  # 1e-4 mm: the fit, on arms some of which are nearly singular
     np.testing.assert_allclose(found @ T[:3, :3].T + T[:3, 3], model.predict(q), rtol=0, atol=1e-4)
 
@@ -181,7 +181,7 @@ def test_a_made_file_gives_the_stand_ins_tips_in_pinocchio(tmp_path, ur10):
     rigid = urdf.write(ur10, tmp_path / "ur10.urdf").rigid
     q = check_joints(ur10)
     found = pinocchio_tips(tmp_path / "ur10.urdf", rigid.arm.joint_names, q, "base", "tip")
-    np.testing.assert_allclose(1000 * found, rigid.tips_in_base(q), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(1000 * found, rigid.arm.chain.tip_in_base(q), rtol=0, atol=1e-9)
     assert 0 < rigid.loss.exported_mm < rigid.loss.nominal_mm
 
 
@@ -302,7 +302,9 @@ def test_kinds_limits_masses_and_side_branches_stay(source, exported):
 def test_the_file_read_again_needs_no_names_of_links(source, exported):
     path, rigid = exported
     q = poses(10)
-    np.testing.assert_allclose(ta.load_arm(path).chain.tip_in_base(q), rigid.tips_in_base(q), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        ta.load_arm(path).chain.tip_in_base(q), rigid.arm.chain.tip_in_base(q), rtol=0, atol=1e-9
+    )
 
 
 def test_exported_twice_there_is_one_manifest_and_the_same_arm(tmp_path, exported, model):
@@ -312,7 +314,7 @@ def test_exported_twice_there_is_one_manifest_and_the_same_arm(tmp_path, exporte
     text = (tmp_path / "twice.urdf").read_text(encoding="utf-8")
     assert text.count(MARKER) == text.count("<truearm ") == 1
     q = poses(10)
-    np.testing.assert_allclose(again.tips_in_base(q), rigid.tips_in_base(q), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(again.arm.chain.tip_in_base(q), rigid.arm.chain.tip_in_base(q), rtol=0, atol=1e-3)
     assert read_urdf(tmp_path / "twice.urdf").joint_names == MOVING
 
 

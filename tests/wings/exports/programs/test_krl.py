@@ -11,7 +11,8 @@ from truearm.wings.exports.programs.correct_program import language_of
 from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.krl import Krl
 from truearm.wings.exports.programs.number_texts import new_numbers
-from truearm.wings.exports.programs.program import Surroundings, with_edits
+from truearm.wings.exports.programs.program import Surroundings
+from truearm.wings.exports.targets.edits import with_edits
 
 POSE = "{X 600,Y 0.5,Z -7.25,A 90,B 10.0,C -3.5e1,S 2,T 35,E1 0.0,E2 0}"
 JOINTS = "{A1 1,A2 -90,A3 90.5,A4 4,A5 5,A6 -6,E1 0}"

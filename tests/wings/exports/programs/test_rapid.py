@@ -7,8 +7,9 @@ from truearm.errors import InputError
 from truearm.files.toml_documents import parse_toml
 from truearm.wings.exports.programs.correct_program import language_of
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.program import Surroundings, with_edits
+from truearm.wings.exports.programs.program import Surroundings
 from truearm.wings.exports.programs.rapid import Rapid
+from truearm.wings.exports.targets.edits import with_edits
 
 NONE = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 POSE = f"[[600,0.50,-7.25],[0,0.707107,0.707107,0],[0,-1,0,1],{NONE}]"

@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from truearm.errors import InputError
 from truearm.wings.exports.programs.frames_file import Frame, FramesFile
-from truearm.wings.exports.programs.program import Number, Surroundings, with_edits
+from truearm.wings.exports.programs.numbers import Number
+from truearm.wings.exports.programs.program import Surroundings
 from truearm.wings.exports.programs.urscript import URScript, pose_matrix, pose_numbers
+from truearm.wings.exports.targets.edits import with_edits
 
 STATED = FramesFile(controller="nominal")
 LANGUAGE = URScript()

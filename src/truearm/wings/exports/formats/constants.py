@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain, DHTable
+from truearm.arm.rigid_motions import motion
 from truearm.choices import Convention
 from truearm.errors import InputError
 from truearm.files.delimited import escape_formula
@@ -140,10 +141,7 @@ def _identified(text: str, before: int, names: Mapping[str, str]) -> dict[tuple[
 
 def _frame(numbers: Sequence[float]) -> FloatArray:
     """A frame [mm] of its position and rotation vector."""
-    frame = np.eye(4)
-    frame[:3, 3] = numbers[:3]
-    frame[:3, :3] = Rotation.from_rotvec(numbers[3:]).as_matrix()
-    return frame
+    return motion(Rotation.from_rotvec(numbers[3:]).as_matrix(), numbers[:3])
 
 
 write = writer("constants", _file_of)

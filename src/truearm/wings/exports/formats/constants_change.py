@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
 from truearm.arm import Chain
+from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.models import IdentifiedModel
 from truearm.models.compensator import FREE_PARTS
@@ -276,13 +277,9 @@ def _with_change(table: ConstantsTable, place: str, name: str, change: float) ->
     if place == "tip":
         return replace(dh, tip_in_flange=dh.tip_in_flange + change * np.eye(3)["xyz".index(name)]).chain()
     if place == "base":
-        motion = np.eye(4)
         axis = change * np.eye(3)["xyz".index(name[-1])]
-        if len(name) > 1:
-            motion[:3, :3] = Rotation.from_rotvec(axis).as_matrix()
-            return replace(dh, base=dh.base @ motion).chain()
-        motion[:3, 3] = axis
-        return replace(dh, base=motion @ dh.base).chain()
+        turned = dh.base @ motion(Rotation.from_rotvec(axis).as_matrix(), np.zeros(3))
+        return replace(dh, base=turned if len(name) > 1 else motion(np.eye(3), axis) @ dh.base).chain()
     row = table.joint_names.index(place)
     changes: dict[str, Any] = {name: getattr(dh, name) + change * (np.arange(len(dh.a)) == row)}
     return replace(dh, **changes).chain()

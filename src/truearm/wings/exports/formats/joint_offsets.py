@@ -54,9 +54,7 @@ def _text(
         lines += [f"    {_yaml_text(name)}:", f"      offset: {yaml_number(offset / factor)}", f"      unit: {unit}"]
     lines.append("origins:")
     for name, origin in zip(_ends(names), origins, strict=True):
-        xyz, rpy = xyz_rpy_from_frame(origin)
-        lines.append(f"  {_yaml_text(name)}:")
-        lines += [f"    {key}: {yaml_number(v)}" for key, v in zip(_ORIGIN, (*(xyz / MM_PER_M), *rpy), strict=True)]
+        lines += [f"  {_yaml_text(name)}:", *pose_lines(origin)]
     return "\n".join([*lines, ""])
 
 
@@ -131,6 +129,17 @@ def yaml_number(value: float) -> str:
     """A number that every YAML reader takes for one, to the last bit: with a point before an exponent."""
     text = repr(float(value) + 0.0)  # + 0.0: no "-0"
     return text if "e" not in text or "." in text else text.replace("e", ".0e")
+
+
+def yaml_pose(frame: FloatArray) -> list[str]:
+    """Position [m] and roll, pitch, yaw [rad] of a frame [mm]."""
+    xyz, rpy = xyz_rpy_from_frame(frame)
+    return [yaml_number(value) for value in (*(xyz / MM_PER_M), *rpy)]
+
+
+def pose_lines(frame: FloatArray) -> list[str]:
+    """The lines of a mapping of `yaml_pose`."""
+    return [f"    {key}: {text}" for key, text in zip(_ORIGIN, yaml_pose(frame), strict=True)]
 
 
 def _yaml_text(text: str) -> str:

@@ -13,15 +13,14 @@ import numpy as np
 
 from truearm.arm import load_arm
 from truearm.arm.kinematics_yaml import joint_poses
-from truearm.arm.rigid_motions import xyz_rpy_from_frame
-from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited, utf8_text
 from truearm.files.foreign_documents import parse_yaml
 from truearm.wings.exports.formats import ur_kinematics
 from truearm.wings.exports.formats.constants_table import MAX_BYTES, ConstantsFile, ConstantsRequest, writer
-from truearm.wings.exports.formats.joint_offsets import yaml_number
+from truearm.wings.exports.formats.joint_offsets import yaml_pose
 from truearm.wings.exports.formats.urdf import is_same_frame
+from truearm.wings.exports.targets.edits import with_edits
 from truearm.wings.exports.targets.manifest import MARKER, Manifest
 
 # What an earlier export wrote at the head of the file.
@@ -45,16 +44,8 @@ def _file_of(request: ConstantsRequest) -> ConstantsFile:
     edits: list[tuple[int, int, str]] = []
     for new, old, node in zip(rigid.arm.chain.fixed, nominal.chain.fixed, poses.nodes, strict=False):
         if not is_same_frame(new, old):
-            xyz, rpy = xyz_rpy_from_frame(new)
-            edits += [
-                (*number.span, yaml_number(value))
-                for number, value in zip(node, (*(xyz / MM_PER_M), *rpy), strict=True)
-            ]
-    pieces, done = [], 0
-    for start, stop, number in sorted(edits):
-        pieces += [text[done:start], number]
-        done = stop
-    made = "".join([*pieces, text[done:]])
+            edits += [(*number.span, text) for number, text in zip(node, yaml_pose(new), strict=True)]
+    made = with_edits(text, edits)
     tool = rigid.arm.chain.tip_in_flange
     fixed = joint_poses(parse_yaml(made.encode())).fixed
 

@@ -23,14 +23,13 @@ from truearm.wings.exports.formats.constants_table import ConstantsFile, Constan
 from truearm.wings.exports.formats.rigid_arm import RigidArm
 from truearm.wings.exports.formats.urdf import (
     TIP_LINK,
-    Edit,
-    apply_edits,
     new_origins,
     set_attributes,
     start_tag,
     tag_text,
     without_manifest,
 )
+from truearm.wings.exports.targets.edits import Edit, with_edits
 from truearm.wings.exports.targets.manifest import Manifest
 
 _ORIENTATION = re.compile(
@@ -87,7 +86,7 @@ def _edited(content: bytes, robot: MjcfRobot, chain: UrdfChain, rigid: RigidArm,
         edits.append(set_attributes(content, robot.ends.start, ends))
     else:
         edits.append(Edit(root.end, root.end, f"  <custom>{tag_text('text', ends)}</custom>\n".encode()))
-    return apply_edits(content, edits)
+    return with_edits(content, edits)
 
 
 def _site_edit(content: bytes, robot: MjcfRobot, chain: UrdfChain, tip_in_flange: FloatArray, name: str) -> Edit:
@@ -112,7 +111,7 @@ def _pose_edit(content: bytes, start: int, frame: FloatArray) -> Edit:
     quat = Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True)
     pose = {"pos": spaced(frame[:3, 3] / MM_PER_M), "quat": spaced(quat)}
     edit = set_attributes(tag, 0, pose)
-    return Edit(start, start + len(start_tag(content, start)), edit.replacement)
+    return Edit(start, start + len(start_tag(content, start)), edit.text)
 
 
 write = writer("mjcf", _file_of)

@@ -109,10 +109,6 @@ class RigidArm:
             gravity_in_base=turn @ self.arm.gravity_direction,
         )
 
-    def tips_in_base(self, joints: npt.ArrayLike) -> FloatArray:
-        """(n, 3) tips [mm] in the arm's base frame at joints (n, n_joints) [rad, or mm]."""
-        return self.arm.chain.tip_in_base(joints)
-
 
 def best_rigid_arm(
     model: Compensator,

@@ -16,13 +16,12 @@ import numpy.typing as npt
 from truearm.acceptance import contradict
 from truearm.arm import Arm, load_arm
 from truearm.arm.kinematics_yaml import JOINTS, LINKS, parse_ur_kinematics, read_ur_kinematics, ur_hash
-from truearm.arm.rigid_motions import xyz_rpy_from_frame
 from truearm.arm.urdf_tree import MM_PER_M
 from truearm.errors import InputError
 from truearm.models import Compensator
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats.constants_table import ConstantsFile, ConstantsRequest, writer
-from truearm.wings.exports.formats.joint_offsets import yaml_number
+from truearm.wings.exports.formats.joint_offsets import pose_lines, yaml_number
 from truearm.wings.exports.formats.rigid_arm import RigidArm
 from truearm.wings.exports.targets.manifest import Manifest
 
@@ -80,9 +79,7 @@ def ur_kinematics_text(links: Sequence[FloatArray], calibration_hash: str) -> st
         raise InputError(f"expected a hash as calib_3437785250745286433, got {calibration_hash[:60]!r}")
     lines = ["kinematics:"]
     for name, frame in zip(LINKS, links, strict=True):
-        xyz, rpy = xyz_rpy_from_frame(frame)
-        numbers = zip(("x", "y", "z", "roll", "pitch", "yaw"), (*(xyz / MM_PER_M), *rpy), strict=True)
-        lines += [f"  {name}:", *(f"    {key}: {yaml_number(value)}" for key, value in numbers)]
+        lines += [f"  {name}:", *pose_lines(frame)]
     return "\n".join([*lines, f"  hash: {calibration_hash}", ""])
 
 

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 from xml.parsers import expat
 
 import numpy as np
@@ -23,7 +22,7 @@ import numpy.typing as npt
 
 from truearm.arm import Arm, read_arm
 from truearm.arm.catalogue import split_links
-from truearm.arm.rigid_motions import xyz_rpy_from_frame
+from truearm.arm.rigid_motions import motion, xyz_rpy_from_frame
 from truearm.arm.urdf import MAX_BYTES, UrdfChain, free_name, spaced, urdf_bytes, urdf_chain
 from truearm.arm.urdf_tree import MM_PER_M, UrdfJoint
 from truearm.errors import InputError
@@ -32,6 +31,7 @@ from truearm.files.foreign_documents import child
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats.constants_table import ConstantsFile, ConstantsRequest, writer
 from truearm.wings.exports.formats.rigid_arm import RigidArm
+from truearm.wings.exports.targets.edits import Edit, with_edits
 from truearm.wings.exports.targets.manifest import MARKER, Frame, Manifest, read_manifest
 
 # Spaces before a comment that are removed with it.
@@ -39,14 +39,6 @@ MAX_INDENT = 200
 # A start tag: attribute values may hold ">".
 _START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 _ATTRIBUTE = re.compile(rb"""(?P<name>[^\s="'<>/]+)\s*=\s*("[^"]*"|'[^']*')""")
-
-
-class Edit(NamedTuple):
-    """Bytes `start` to `stop` of a file, and what replaces them."""
-
-    start: int
-    stop: int
-    replacement: bytes
 
 
 def start_tag(content: bytes, start: int) -> bytes:
@@ -104,15 +96,6 @@ def comment_edits(content: bytes, is_meant: Callable[[str], bool]) -> list[Edit]
     return edits
 
 
-def apply_edits(content: bytes, edits: Iterable[Edit]) -> bytes:
-    """The file with all edits made; their ranges do not overlap. Insertions at one place keep their order."""
-    pieces, done = [], 0
-    for edit in sorted(edits, key=lambda edit: (edit.start, edit.stop)):
-        pieces += [content[done : edit.start], edit.replacement]
-        done = edit.stop
-    return b"".join([*pieces, content[done:]])
-
-
 FLANGE_LINK, TIP_LINK, REFERENCE_LINK = "flange", "tip", "reference"
 # An origin that changes by less stays as it is printed: rounding of the kinematics, in rad and mm.
 ROUNDING = 1e-12, 1e-9
@@ -152,7 +135,7 @@ def tips(path: str | Path, joints: npt.ArrayLike) -> FloatArray:
 
 def without_manifest(content: bytes) -> bytes:
     """The file without the comments in which earlier exports state what they are."""
-    return apply_edits(content, comment_edits(content, lambda text: text.lstrip().startswith(f"{MARKER}: {{")))
+    return with_edits(content, comment_edits(content, lambda text: text.lstrip().startswith(f"{MARKER}: {{")))
 
 
 def _made(arm: Arm) -> bytes:
@@ -185,7 +168,7 @@ def _edited(content: bytes, robot: UrdfChain, rigid: RigidArm, frame: Frame, man
     else:
         edits.append(set_attributes(content, extra.start, about))
     edits.append(Edit(root.end, root.end, "".join(f"  {line}\n" for line in added).encode()))
-    return apply_edits(content, edits)
+    return with_edits(content, edits)
 
 
 def _added_links(robot: UrdfChain, rigid: RigidArm, frame: Frame) -> tuple[list[str], dict[str, str]]:
@@ -196,8 +179,7 @@ def _added_links(robot: UrdfChain, rigid: RigidArm, frame: Frame) -> tuple[list[
     first, last = base, tip
     if rigid.arm.chain.tip_in_flange.any():
         tip = free_name(TIP_LINK, links)
-        T_flange_tip = np.eye(4)
-        T_flange_tip[:3, 3] = rigid.arm.chain.tip_in_flange
+        T_flange_tip = motion(np.eye(3), rigid.arm.chain.tip_in_flange)
         joint = free_name(f"{TIP_LINK}_joint", joints)
         lines += [tag_text("link", {"name": tip}), *_fixed_joint(joint, last, tip, T_flange_tip)]
     if frame == "reference":

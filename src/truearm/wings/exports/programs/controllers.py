@@ -25,7 +25,8 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.models import Compensator
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.number_texts import six_numbers
-from truearm.wings.exports.programs.program import Lines, Number, Surroundings
+from truearm.wings.exports.programs.numbers import Number
+from truearm.wings.exports.programs.program import Lines, Surroundings
 from truearm.wings.exports.targets.pose_models import reference_from_base
 
 # Levels of a program: each node of PolyScope's tree takes two, and a waypoint some more.

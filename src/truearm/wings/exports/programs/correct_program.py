@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from truearm.arm.catalogue import maker_of
-from truearm.arm.rigid_motions import inverse
 from truearm.errors import InputError
 from truearm.files.atomic_write import atomic_file
 from truearm.files.file_reading import read_limited
@@ -36,16 +35,7 @@ from truearm.wings.exports.programs.frames_file import FramesFile
 from truearm.wings.exports.programs.krl import Krl
 from truearm.wings.exports.programs.number_texts import direction_of_check_digits, new_numbers, with_check_digits
 from truearm.wings.exports.programs.polyscope import PolyScope
-from truearm.wings.exports.programs.program import (
-    Edit,
-    Language,
-    LeftAlone,
-    Program,
-    Surroundings,
-    Target,
-    text_start,
-    with_edits,
-)
+from truearm.wings.exports.programs.program import Language, LeftAlone, Program, Surroundings, Target, text_start
 from truearm.wings.exports.programs.rapid import Rapid
 from truearm.wings.exports.programs.solving import NO_POSTURE, ROBOT, Machine, Solver, ends_of
 from truearm.wings.exports.programs.subdivision import check_subdivision, divide
@@ -53,6 +43,7 @@ from truearm.wings.exports.programs.urscript import URScript
 from truearm.wings.exports.programs.yaskawa_jbi import YaskawaJob
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.correction import input_remarks
+from truearm.wings.exports.targets.edits import Edit, with_edits
 from truearm.wings.exports.targets.manifest import MARKER
 
 LANGUAGES: tuple[Language, ...] = (Rapid(), Krl(), FanucListing(), YaskawaJob(), PolyScope(), URScript())
@@ -378,7 +369,7 @@ class _Correction:
         """What changes, target by target in the order of the program, and what is refused."""
         language = self.solver.language
         before, after = (self.solver.machine.axes(joints) for joints in (nominal, corrected))
-        poses = self._poses(corrected)
+        poses = self.solver.poses(self.program.targets, corrected)
         stated = self.solver.machine.quantities(corrected).tolist()
         moved = (np.abs(corrected - nominal).max(axis=1) > _UNCHANGED).tolist()
         changes, refused = [], []
@@ -400,15 +391,6 @@ class _Correction:
             else:
                 changes.append(TargetChange(target, numbers, tuple(edits), float(shifts[row]), after[row], before[row]))
         return changes, refused
-
-    def _poses(self, joints: FloatArray) -> list[FloatArray | None]:
-        """The tool in the work frame at joints of every target; None where the target does not state both frames."""
-        frames = [(one.T_base_work, one.T_flange_tool) for one in self.program.targets]
-        stated = [work is not None and tool is not None for work, tool in frames]
-        both = [(np.eye(4), np.eye(4)) if not known else pair for pair, known in zip(frames, stated, strict=True)]
-        works, tools = np.array(both, dtype=float).reshape(-1, 2, 4, 4).swapaxes(0, 1)
-        poses = inverse(works) @ self.solver.flange(joints) @ tools
-        return [pose if known else None for pose, known in zip(poses, stated, strict=True)]
 
     def _configuration(self, target: Target, new: Sequence[float]) -> tuple[Edit, ...]:
         """Edits of the configuration, if a joint is across a border of it; at a border, both sides of it are right."""

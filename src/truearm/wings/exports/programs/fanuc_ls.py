@@ -20,23 +20,22 @@ from truearm.arm import Chain
 from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.numbers import angles_of, rotation_of
+from truearm.wings.exports.programs.numbers import Number, angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
     N_AXES,
     Condition,
-    Edit,
     Language,
     LeftAlone,
     Lines,
     Move,
     MoveKind,
-    Number,
     Program,
     Surroundings,
     Target,
     line_end_of,
     run_time_notes,
 )
+from truearm.wings.exports.targets.edits import Edit
 from truearm.wings.exports.targets.program_literals import fanuc_joints
 
 _PART = re.compile(r"^/([A-Z]+)", re.MULTILINE)
@@ -222,15 +221,13 @@ class FanucListing(Language):
     def number_text(self, number: Number, value: float, decimals: int) -> bytes:
         """See `Language`: right-aligned in the field, the zero before the point as the file has it."""
         old, width = number.text.strip(), len(number.text)
-        text = f"{value:.{decimals}f}"
-        if not text.strip("-0."):
-            text = text.lstrip("-")
+        text = super().number_text(number, value, decimals)
         dropped = old.lstrip(b"+-").startswith(b".")
         if width == _FIELD and not 0 < abs(number.value) < 1:
             dropped = True  # the controller's style, which the number itself does not show
         if dropped and abs(float(text)) < 1:
-            text = text.replace("0.", ".", 1)
-        return text.rjust(width).encode("ascii")
+            text = text.replace(b"0.", b".", 1)
+        return text.rjust(width)
 
 
 def _is_plain(chain: Chain) -> bool:
@@ -305,14 +302,12 @@ def _target(text: str, line: int, block: _Block, beside: Surroundings) -> Target
     pose = motion(rotation_of(wpr), (x, y, z))
     if config is None:  # of a SCARA: in which sense L and R are the sides of its elbow is not certain
         return _Point(block.name, line, numbers, pose=pose, T_flange_tool=tool, T_base_work=work)
+    turns = map(int, config.groups()[3:])
     conditions = [
-        Condition("J5", *((-np.inf, 0.0) if config[1] == "N" else (0.0, np.inf))),
-        Condition("elbow", *((0.0, np.inf) if config[2] == "U" else (-np.inf, 0.0))),
-        Condition("shoulder", 0.0, np.inf),
-        *(
-            Condition(f"J{i}", 360.0 * t - 180.0, 360.0 * t + 180.0)
-            for i, t in zip(_TURNS, map(int, config.groups()[3:]), strict=True)
-        ),
+        Condition.sign("J5", negative=config[1] == "N"),
+        Condition.sign("elbow", negative=config[2] != "U"),
+        Condition.sign("shoulder", negative=False),
+        *(Condition(f"J{i}", 360.0 * t - 180.0, 360.0 * t + 180.0) for i, t in zip(_TURNS, turns, strict=True)),
     ]
     first = head.start(3)
     return _Point(

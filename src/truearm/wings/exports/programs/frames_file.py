@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import screw_z
+from truearm.arm.rigid_motions import motion, screw_z
 from truearm.errors import InputError
 from truearm.files.toml_documents import Document, Name, NotNegative, Real
 from truearm.typing import FloatArray
@@ -57,16 +57,14 @@ class Frame(Document):
     @cached_property
     def T(self) -> FloatArray:
         """(4, 4) rigid motion, translation in mm."""
-        motion = np.eye(4)
-        motion[:3, 3] = self.xyz_mm
+        R = np.eye(3)
         if self.quaternion is not None:
-            motion[:3, :3] = rotation_of_quaternion(self.quaternion)
+            R = rotation_of_quaternion(self.quaternion)
         elif self.rotation_vector_rad is not None:
-            motion[:3, :3] = Rotation.from_rotvec(self.rotation_vector_rad).as_matrix()
-        elif self.abc_deg is not None or self.wpr_deg is not None:
-            wpr = self.wpr_deg or (self.abc_deg or ())[::-1]
-            motion[:3, :3] = rotation_of(wpr)
-        return motion
+            R = Rotation.from_rotvec(self.rotation_vector_rad).as_matrix()
+        elif wpr := self.wpr_deg or (self.abc_deg or ())[::-1]:
+            R = rotation_of(wpr)
+        return motion(R, self.xyz_mm)
 
 
 class Positioner(Frame):

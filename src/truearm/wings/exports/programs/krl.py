@@ -25,20 +25,18 @@ from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.files.file_reading import read_limited
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.numbers import angles_of, rotation_of
+from truearm.wings.exports.programs.numbers import Number, angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
     CALLED,
     COMES_FROM,
     WRITTEN_OTHERWISE,
     Condition,
-    Edit,
     Language,
     LeftAlone,
     Move,
     MoveKind,
     NamedTarget,
     NamedTargets,
-    Number,
     Passing,
     Program,
     Surroundings,
@@ -47,6 +45,7 @@ from truearm.wings.exports.programs.program import (
     some,
     text_start,
 )
+from truearm.wings.exports.targets.edits import Edit
 
 MAX_BYTES = 16 * 2**20
 _MOVES: dict[bytes, MoveKind] = {
@@ -763,15 +762,10 @@ def _only(numbers: Mapping[str, Number], names: Iterable[str]) -> dict[str, Numb
 
 
 def _conditions(status: int, turn: int) -> tuple[Condition, ...]:
-    below, above = (-inf, 0.0), (0.0, inf)
-    signs = [Condition(f"J{i}", *(below if turn >> (i - 1) & 1 else above)) for i in range(1, 7)]
+    signs = [Condition.sign(f"J{i}", negative=turn >> (i - 1) & 1) for i in range(1, 7)]
     if bool(status & 4) != bool(turn & 16):  # no joint is both
         signs[4] = Condition("J5", inf, -inf)
-    return (
-        *signs,
-        Condition("shoulder", *(below if status & 1 else above)),
-        Condition("elbow", *(above if status & 2 else below)),
-    )
+    return (*signs, Condition.sign("shoulder", negative=status & 1), Condition.sign("elbow", negative=not status & 2))
 
 
 def _whole(text: bytes) -> int | None:

@@ -9,7 +9,8 @@ from functools import cache
 from math import ceil, log10
 from zlib import crc32
 
-from truearm.wings.exports.programs.program import Language, Number, Target
+from truearm.wings.exports.programs.numbers import Number
+from truearm.wings.exports.programs.program import Language, Target
 
 # The unit of the last digit is at most this share of the largest change: rounding is half of that.
 _DIGIT = 0.05

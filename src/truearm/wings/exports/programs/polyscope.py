@@ -32,7 +32,6 @@ from truearm.wings.exports.programs.controllers import (
     unpacked,
 )
 from truearm.wings.exports.programs.program import (
-    Edit,
     Language,
     LeftAlone,
     Lines,
@@ -43,6 +42,7 @@ from truearm.wings.exports.programs.program import (
     Target,
 )
 from truearm.wings.exports.programs.urscript import JOINTS, POSE, pose_matrix, pose_numbers
+from truearm.wings.exports.targets.edits import Edit
 
 _LEVEL = 6
 _PLACES = ("position", "JointAngles", "poseInFeatureCoordinates", "outputFlangePose")

@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -19,21 +20,13 @@ from truearm.arm import Chain
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.numbers import NOT_THERE as NOT_THERE
-from truearm.wings.exports.programs.numbers import Number as Number
+from truearm.wings.exports.programs.numbers import NOT_THERE, Number
+from truearm.wings.exports.targets.edits import Edit
 
 _UTF8 = b"\xef\xbb\xbf"
 N_AXES = 6  # of a robot that is no SCARA
 
 MoveKind = Literal["joint", "linear", "circular"]
-
-
-class Edit(NamedTuple):
-    """Bytes of a program to be replaced; ``start == end`` inserts."""
-
-    start: int
-    end: int
-    text: bytes
 
 
 class Condition(NamedTuple):
@@ -51,6 +44,11 @@ class Condition(NamedTuple):
     quantity: str
     low: float
     high: float
+
+    @classmethod
+    def sign(cls, quantity: str, *, negative: object) -> Condition:
+        """The quantity is below zero, or above."""
+        return cls(quantity, -inf, 0.0) if negative else cls(quantity, 0.0, inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,17 +353,6 @@ class Language(ABC):
         """The bytes of a new file from a program's text, packed as another file is."""
         del file
         return text
-
-
-def with_edits(data: bytes, edits: Sequence[Edit]) -> bytes:
-    """A program with some of its bytes replaced; edits must not overlap."""
-    parts, at = [], 0
-    for edit in sorted(edits):
-        if edit.start < at:
-            raise ValueError(f"edits overlap at byte {edit.start}")
-        parts += [data[at : edit.start], edit.text]
-        at = edit.end
-    return b"".join([*parts, data[at:]])
 
 
 def text_start(data: bytes) -> int:

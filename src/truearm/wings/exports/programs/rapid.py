@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise, takewhile
-from math import floor, hypot, inf
+from math import floor, hypot
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -21,12 +21,10 @@ import numpy as np
 from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.numbers import quaternion_of, rotation_of_quaternion
+from truearm.wings.exports.programs.numbers import NOT_THERE, Number, quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
-    NOT_THERE,
     WRITTEN_OTHERWISE,
     Condition,
-    Edit,
     Language,
     LeftAlone,
     Lines,
@@ -34,7 +32,6 @@ from truearm.wings.exports.programs.program import (
     MoveKind,
     NamedTarget,
     NamedTargets,
-    Number,
     Passing,
     Program,
     Surroundings,
@@ -42,6 +39,7 @@ from truearm.wings.exports.programs.program import (
     line_end_of,
     text_start,
 )
+from truearm.wings.exports.targets.edits import Edit
 
 _TOKEN = re.compile(
     rb'(?P<comment>![^\r\n]*)|(?P<string>"(?:[^"\r\n]|"")*")|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)'
@@ -390,24 +388,18 @@ class _Module(NamedTargets):
     def _parts(self, kind: bytes, value: _Value) -> Iterator[tuple[str, bytes, _Value]]:
         """Targets within a value of a type, each with its place and its own type."""
         components = self.records.get(kind)
-        if isinstance(value, _List) and self._is_array(value, kind):
+        if isinstance(value, _List) and _depth(value) > self._depth_of(kind):  # an array
             within = [(f"{{{i}}}", kind, item) for i, item in enumerate(value.items, 1)]
         elif isinstance(value, _List) and components is not None:
             all_parts = zip(components, value.items, strict=False)
-            within = [(f".{i}", one, item) for i, (one, item) in enumerate(all_parts, 1) if self._holds_targets(one)]
+            kinds = _SHAPES.keys() | self.records.keys()
+            within = [(f".{i}", one, item) for i, (one, item) in enumerate(all_parts, 1) if one in kinds]
         else:
             yield "", kind, value
             return
         for place, of_kind, item in within:
             for path, of_part, part in self._parts(of_kind, item):
                 yield place + path, of_part, part
-
-    def _holds_targets(self, kind: bytes) -> bool:
-        return kind in _SHAPES or kind in self.records
-
-    def _is_array(self, value: _List, kind: bytes) -> bool:
-        """Whether a value is a list of values of a type: its lists are nested deeper by one."""
-        return _depth(value) > self._depth_of(kind)
 
     def _depth_of(self, kind: bytes) -> int:
         if kind in _SHAPES:
@@ -540,7 +532,7 @@ class _Module(NamedTargets):
                 value, _ = self._list(first)
                 shape = b"jointtarget" if self.tokens[at].word == b"moveabsj" else b"robtarget"
                 goal = self._found(shape, f"{instruction} in line {line}", line, value, {frames: line})
-            elif begins.kind == "name" and self._is_variable(first, last):
+            elif begins.kind == "name" and (last - first == 1 or self.tokens[first + 1].text in (b"{", b".")):
                 self.uses[begins.word].setdefault(frames, line)
                 goal = begins.word if last - first == 1 else None
                 if begins.word not in self.names:
@@ -586,10 +578,6 @@ class _Module(NamedTargets):
     def names_of_frames(self) -> set[bytes]:
         """Names of tools and work objects."""
         return {follows.word for token, follows in pairwise(self.tokens) if token.word in _FRAMES}
-
-    def _is_variable(self, first: int, last: int) -> bool:
-        """A name, or an element of an array: not a function."""
-        return last - first == 1 or self.tokens[first + 1].text in (b"{", b".")
 
     def _computed(self, first: int, last: int) -> str:
         within = [token for token in self.tokens[first:last] if token.kind == "name"]
@@ -762,14 +750,12 @@ def _conditions(values: Mapping[str, float]) -> tuple[Condition, ...] | None:
     cfx = values["cfx"]
     if any(values[name] % 1 for name in ("cf1", "cf4", "cf6", "cfx")) or not 0 <= cfx <= 7:
         return None
-    quadrants = [
-        Condition(f"J{i}", _QUADRANT * values[f"cf{i}"], _QUADRANT * (values[f"cf{i}"] + 1)) for i in (1, 4, 6)
-    ]
-    signs = [
-        Condition(quantity, *((-inf, 0.0) if int(cfx) & bit else (0.0, inf)))
-        for quantity, bit in (("shoulder", 4), ("elbow", 2), ("J5", 1))
-    ]
-    return (*quadrants, *signs)
+    quadrants = ((f"J{i}", values[f"cf{i}"]) for i in (1, 4, 6))
+    signs = (("shoulder", 4), ("elbow", 2), ("J5", 1))
+    return (
+        *(Condition(joint, _QUADRANT * k, _QUADRANT * (k + 1)) for joint, k in quadrants),
+        *(Condition.sign(quantity, negative=int(cfx) & bit) for quantity, bit in signs),
+    )
 
 
 def _frame(value: _Value) -> FloatArray | None:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +27,8 @@ from truearm.wings.exports.programs.branches import (
     quantities_of,
 )
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.numbers import angles_of
-from truearm.wings.exports.programs.program import NOT_THERE, Condition, Language, Move, MoveKind, Target
+from truearm.wings.exports.programs.numbers import NOT_THERE, angles_of
+from truearm.wings.exports.programs.program import Condition, Language, Move, MoveKind, Target
 from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.correction import correct_targets
 from truearm.wings.exports.targets.pose_models import with_tool
@@ -327,8 +326,7 @@ class Solver:
         values = self.machine.quantities(joints)
         signs: list[tuple[Condition, ...]] = []
         for row in values[:, [QUANTITIES.index(name) for name in _SIGNS]].tolist():
-            ranges = [(0.0, inf) if value > 0 else (-inf, 0.0) for value in row]
-            conditions = tuple(Condition(name, *both) for name, both in zip(_SIGNS, ranges, strict=True))
+            conditions = tuple(Condition.sign(name, negative=not q > 0) for name, q in zip(_SIGNS, row, strict=True))
             signs.append(conditions if min(map(abs, row)) > _BORDER else ())
         return signs
 
@@ -400,9 +398,15 @@ class Solver:
 
     def flange(self, joints: FloatArray) -> FloatArray:
         """(n, 4, 4) flange in the base of the arm."""
-        T = np.tile(np.eye(4), (len(joints), 1, 1))
-        T[:, :3, :3], T[:, :3, 3] = self.chain.pose(joints)
-        return T
+        return motion(*self.chain.pose(joints))
+
+    def poses(self, targets: Sequence[Target], joints: FloatArray) -> list[FloatArray | None]:
+        """The tool in the work frame at joints of every target; None where the target does not state both frames."""
+        frames = [(one.T_base_work, one.T_flange_tool) for one in targets]
+        return [
+            None if work is None or tool is None else inverse(work) @ flange @ tool
+            for (work, tool), flange in zip(frames, self.flange(joints), strict=True)
+        ]
 
     def _by_tool(self, targets: Sequence[Target], reasons: Sequence[str]) -> Iterator[tuple[list[int], Compensator]]:
         """Targets by their tools, each with the model that has it; without any, with the tip of the readings.

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from truearm.arm.rigid_motions import inverse
 from truearm.errors import InputError
 from truearm.findings import format_mm
 from truearm.typing import FloatArray
@@ -20,17 +19,15 @@ from truearm.wings.exports.programs.number_texts import new_numbers
 from truearm.wings.exports.programs.program import (
     COMES_FROM,
     WRITTEN_OTHERWISE,
-    Edit,
     Language,
     Move,
-    Number,
     Passing,
     Program,
     Target,
-    with_edits,
 )
 from truearm.wings.exports.programs.solving import PathEnds, Solver, ends_of
 from truearm.wings.exports.targets import TargetDirection
+from truearm.wings.exports.targets.edits import Edit, with_edits
 
 MIN_SPACING_MM = 1.0
 _NAMED = 5
@@ -239,22 +236,16 @@ def _points(
     solver: Solver, program: Program, path: _Path, joints: FloatArray, texts: Mapping[str, bytes]
 ) -> Iterator[bytes]:
     """What states the targets that divide a path, at corrected joints."""
-    language, end = solver.language, _with_texts(program.targets[path.ends.end], texts)
-    axes, flanges = solver.machine.axes(joints), solver.flange(joints)
-    for row, quantities in enumerate(solver.machine.quantities(joints).tolist()):
-        pose = None
-        if end.T_base_work is not None and end.T_flange_tool is not None:
-            pose = inverse(end.T_base_work) @ flanges[row] @ end.T_flange_tool
-        numbers = new_numbers(language, end, language.values(end, axes[row], pose))
+    language, machine, end = solver.language, solver.machine, program.targets[path.ends.end]
+    # With the numbers that it is corrected to: their decimals are those of targets beside it.
+    corrected = {name: one._replace(text=texts.get(name, one.text)) for name, one in end.numbers.items()}
+    end = replace(end, numbers=corrected)
+    poses, all_quantities = solver.poses([end] * len(joints), joints), machine.quantities(joints).tolist()
+    for axes, pose, quantities in zip(machine.axes(joints), poses, all_quantities, strict=True):
+        numbers = new_numbers(language, end, language.values(end, axes, pose))
         stated = dict(zip(QUANTITIES, quantities, strict=True))
         configuration = language.configuration(end, stated) if end.conditions else ()
         yield _point(program.data, end, numbers, configuration)
-
-
-def _with_texts(target: Target, texts: Mapping[str, bytes]) -> Target:
-    """A target with the numbers that it is corrected to, whose decimals are those of targets beside it."""
-    numbers = {name: Number(one.start, one.end, texts.get(name, one.text)) for name, one in target.numbers.items()}
-    return replace(target, numbers=numbers)
 
 
 def _point(data: bytes, end: Target, numbers: Mapping[str, bytes], configuration: Iterable[Edit]) -> bytes:

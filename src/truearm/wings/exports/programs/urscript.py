@@ -22,7 +22,7 @@ from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.programs.controllers import NOT_STATED, StatedKinematics, disagreements, other_robot
 from truearm.wings.exports.programs.number_texts import NUMBER, six_numbers
-from truearm.wings.exports.programs.numbers import quaternion_of, rotation_of_quaternion
+from truearm.wings.exports.programs.numbers import Number, quaternion_of, rotation_of_quaternion
 from truearm.wings.exports.programs.program import (
     COMES_FROM,
     WRITTEN_OTHERWISE,
@@ -31,7 +31,6 @@ from truearm.wings.exports.programs.program import (
     Lines,
     Move,
     MoveKind,
-    Number,
     Passing,
     Program,
     Surroundings,

@@ -17,22 +17,21 @@ import numpy as np
 from truearm.arm.rigid_motions import motion
 from truearm.errors import InputError
 from truearm.typing import FloatArray
-from truearm.wings.exports.programs.numbers import angles_of, rotation_of
+from truearm.wings.exports.programs.numbers import Number, angles_of, rotation_of
 from truearm.wings.exports.programs.program import (
     Condition,
-    Edit,
     Language,
     LeftAlone,
     Lines,
     Move,
     MoveKind,
-    Number,
     Program,
     Surroundings,
     Target,
     line_end_of,
     run_time_notes,
 )
+from truearm.wings.exports.targets.edits import Edit
 
 _CALLED = r"^[ \t]*(?:CALL|PSTART)\b.*\bJOB:([\w-]+)"
 _SETS = r"^[ \t]*(?:SETTOOL|MFRAME|SETUFRM)[ \t]+((?:TL|UF)#\(\w+\))"
@@ -262,8 +261,8 @@ def _conditions(rconf: Sequence[int]) -> tuple[Condition, ...] | str:
     if rear or any(turned):
         return "its RCONF has the wrist behind axis S, or R, T or S beyond 180 deg"
     return (
-        Condition("elbow", *((-np.inf, 0.0) if lower else (0.0, np.inf))),
-        Condition("shoulder", 0.0, np.inf),
+        Condition.sign("elbow", negative=lower),
+        Condition.sign("shoulder", negative=False),
         Condition("|J4|", *((90.0, 180.0) if no_flip else (0.0, 90.0))),
         *(Condition(joint, -180.0, 180.0) for joint in ("J1", "J4", "J6")),
     )

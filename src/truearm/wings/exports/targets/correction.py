@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +22,7 @@ from truearm.models.training_conditions import TOGETHER
 from truearm.readings import Session
 from truearm.typing import BoolArray, FloatArray, IntArray
 from truearm.verbs.inputs import payload_findings
-from truearm.wings.exports.targets import TargetDirection
-from truearm.wings.exports.targets import Untrained as Untrained
+from truearm.wings.exports.targets import TargetDirection, Untrained
 from truearm.wings.exports.targets.inverse import (
     MAX_CONDITION,
     MAX_STEPS,
@@ -37,9 +35,14 @@ from truearm.wings.exports.targets.inverse import (
     turn_between,
 )
 from truearm.wings.exports.targets.manifest import Frame, check_joints
-from truearm.wings.exports.targets.pose_models import JOINTS_OF_A_POSE as JOINTS_OF_A_POSE
-from truearm.wings.exports.targets.pose_models import PoseModel, nominal_poses, poses_of, reference_from_base
-from truearm.wings.exports.targets.pose_models import turns_of as turns_of
+from truearm.wings.exports.targets.pose_models import (
+    JOINTS_OF_A_POSE,
+    PoseModel,
+    nominal_poses,
+    poses_of,
+    reference_from_base,
+    turns_of,
+)
 from truearm.wings.exports.targets.targets import Targets
 
 # A correction, apart from joint offsets, is some mrad; more [rad] is a pose near a singular one, or a mistake.
@@ -158,10 +161,10 @@ def correct_targets(
             hint="give the angles that the encoders read, or use the direction command",
         )
     locked = locked if locked is not None and locked.any() else None
-    solve = (
-        partial(_feedback, locked=locked) if direction == "feedback" else partial(_command, frame=frame, locked=locked)
-    )
-    solved = solve(model, targets)
+    if direction == "feedback":
+        solved = _feedback(model, targets, locked=locked)
+    else:
+        solved = _command(model, targets, frame=frame, locked=locked)
     return _judged(model, targets, solved, direction=direction, untrained=untrained, uncertainty=uncertainty)
 
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Sized
+from collections.abc import Sequence, Sized
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -35,16 +35,19 @@ MAX_TEXT = 300
 Text = Annotated[str, Field(max_length=MAX_TEXT)]
 
 
-class TrainedTemperature(BaseModel):
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+
+
+class TrainedTemperature(_Strict):
     """Temperature in training [degC]: its mean and the range."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
     mean: Finite
     lower: Finite
     upper: Finite
 
 
-class Provenance(BaseModel):
+class Provenance(_Strict):
     """Where an exported file comes from.
 
     Attributes
@@ -72,7 +75,6 @@ class Provenance(BaseModel):
         Contradictions that a person accepted in the fit, or of the file that was made from, with the reasons.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
     model_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     model: Text
     arm: Text
@@ -158,10 +160,6 @@ Direction = Literal["predict", "command", "feedback"]
 goes there. ``feedback``: from encoder angles to those with which the nominal arm shows the true tip."""
 
 Numbers = Annotated[tuple[Finite, ...], Field(max_length=100)]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
 
 
 class CheckPose(_Strict):
@@ -287,10 +285,8 @@ class Manifest(_Strict):
         *,
         tips: FloatArray | None = None,
         direction: Direction = "predict",
-        frame: Frame = "reference",
-        loss: ExportLoss | None = None,
-        tolerance_mm: float = EXACT_MM,
-        corrected_joints: FloatArray | None = None,
+        corrected_joints: Sequence[tuple[float, ...] | None] | None = None,
+        **stated: Any,
     ) -> Self:
         """Manifest of a file made from a model.
 
@@ -301,27 +297,16 @@ class Manifest(_Strict):
         format : str
         tips : (5, 3) array, optional
             What the file gives at `check_joints` [mm]; the model's points by default.
-        direction, frame, loss, tolerance_mm
+        direction, **stated
             As the attributes.
-        corrected_joints : (5, n_joints) array, optional
+        corrected_joints : sequence of 5 tuples of float or None, optional
             Joints that the file gives there [rad, or mm].
         """
         joints = check_joints(model)
         tips = model.predict(joints) if tips is None else tips
-        corrected = [None] * len(joints) if corrected_joints is None else corrected_joints.tolist()
-        poses = tuple(
-            CheckPose(joints=tuple(q), tip_mm=tuple(tip), corrected_joints=None if back is None else tuple(back))
-            for q, tip, back in zip(joints.tolist(), tips.tolist(), corrected, strict=True)
-        )
-        return cls(
-            format=format,
-            direction=direction,
-            frame=frame,
-            provenance=provenance_of(model),
-            tolerance_mm=tolerance_mm,
-            check_poses=poses,
-            loss=loss,
-        )
+        rows = zip(joints.tolist(), tips.tolist(), corrected_joints or [None] * len(joints), strict=True)
+        poses = tuple(CheckPose(joints=tuple(q), tip_mm=tuple(tip), corrected_joints=back) for q, tip, back in rows)
+        return cls(format=format, direction=direction, provenance=provenance_of(model), check_poses=poses, **stated)
 
 
 class TargetsManifest(Manifest):

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain, Pose
+from truearm.arm.rigid_motions import motion
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.terms import ArmState, Term
@@ -188,7 +189,5 @@ def _without_tip(fit: IdentificationResult, tip_in_flange: FloatArray, motions: 
         terms = dropped.perturbed_chain.terms
         along = [axis[0] @ frames[term.place][:3, :3] @ term.direction[3:] for term in terms]
         shift = np.repeat(along, [term.n_coefficients for term in terms]) @ dropped.coefficients
-        lifted = np.eye(4)
-        lifted[:3, 3] = shift * axis[0]
-        chain = chain.with_reference_frame(lifted)
+        chain = chain.with_reference_frame(motion(np.eye(3), shift * axis[0]))
     return replace(kept, perturbed_chain=PerturbedChain(chain, kept.perturbed_chain.terms))

@@ -14,6 +14,7 @@ from truearm.arm.kinematics_yaml import JOINTS
 from truearm.errors import InputError
 from truearm.typing import FloatArray
 from truearm.wings.exports.targets import TargetDirection
+from truearm.wings.exports.targets.edits import with_edits
 from truearm.wings.exports.targets.lerobot_motors import MOTORS, JointValues
 
 # A model that equals the nominal arm changes joints by rounding: such a number keeps its bytes [rad, or mm].
@@ -92,15 +93,13 @@ def edited(text: str, spans: Sequence[Sequence[Span]], before: FloatArray, after
     """The text with numbers (n, n_joints) in their places, as many digits as theirs or as the correction needs."""
     rows, columns = np.nonzero(before != after)
     needed = np.maximum(np.ceil(-np.log10(_DIGIT * np.pi / 180 / np.abs(gain))), 0).astype(int)
-    edits = sorted(
-        (*spans[i][j], _number(text[slice(*spans[i][j])], float(after[i, j]), int(needed[j])))
-        for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
+    return with_edits(
+        text,
+        [
+            (*spans[i][j], _number(text[slice(*spans[i][j])], float(after[i, j]), int(needed[j])))
+            for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
+        ],
     )
-    pieces, done = [], 0
-    for start, stop, number in edits:
-        pieces += [text[done:start], number]
-        done = stop
-    return "".join([*pieces, text[done:]])
 
 
 def _number(written: str, value: float, needed: int) -> str:
