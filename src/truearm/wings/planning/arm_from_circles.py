@@ -54,6 +54,7 @@ MAX_DIRECTION_DEG = float(np.degrees(MAX_DIRECTION_STD))
 ROUNDING_MM = 1e-9
 # Tilt and shift of an axis that was not measured, to see what depends on it, and what counts as dependence [rad, mm].
 TRIED_TILT_RAD, TRIED_SHIFT_MM, DEPENDS = 0.03, 10.0, 1e-6
+_NAMES = [name.partition("_")[0] for name in COLUMNS]
 
 
 @one_blas_thread()
@@ -102,9 +103,15 @@ def arm_from_circles(
     found = joint_circles(given, slides)
     circles, estimated = found.circles, estimate_axes(given, found, slides)
     remarks = [*acceptance_remarks(accept), *map(str, unfilled_rows(given)), *_judge_gains(given, estimated)]
-    failed = _said_of_failed(found.failed | uncertain_directions(given, circles, estimated), given.n_joints)
+    faults = found.failed | uncertain_directions(given, circles, estimated)
+    if len(faults) == given.n_joints:
+        raise faults[min(faults)]
+    failed = {joint: f"{fault.problem}: {fault.hint}" for joint, fault in sorted(faults.items())}
     table = _own_frames(drawn_table(estimated.axes.chain(), convention))
-    std, is_base_measured = _known_uncertainty(estimated, convention, failed)
+    std, is_base_measured = _uncertainty(estimated, convention), True
+    if failed:
+        depends, is_base_measured = _depends_on(failed, estimated.axes, convention)
+        std = np.where(depends, np.nan, std)
     n_points = len(np.unique(np.concatenate([circle.rows for circle in circles])))
     at_joint_1 = replace(table, base=np.eye(4))
     arm = Arm(
@@ -145,24 +152,6 @@ def _own_frames(table: DHTable) -> DHTable:
     return replace(table, base=base, theta=theta, d=d, flange=np.eye(4), tip_in_flange=tip)
 
 
-def _said_of_failed(faults: Mapping[int, InputError], n_joints: int) -> dict[int, str]:
-    """Why joints are not measured; raises if none is."""
-    if len(faults) == n_joints:
-        raise faults[min(faults)]
-    return {joint: f"{fault.problem}: {fault.hint}" for joint, fault in sorted(faults.items())}
-
-
-def _known_uncertainty(
-    estimated: EstimatedAxes, convention: Convention, failed: Collection[int]
-) -> tuple[FloatArray, bool]:
-    """`_uncertainty`, NaN for constants that depend on joints that failed; whether the base frame is measured."""
-    std = _uncertainty(estimated, convention)
-    if not failed:
-        return std, True
-    depends, is_base_measured = _depends_on(failed, estimated.axes, convention)
-    return np.where(depends, np.nan, std), is_base_measured
-
-
 def _uncertainty(estimated: EstimatedAxes, convention: Convention) -> FloatArray:
     """(6 n_joints + 3,) standard uncertainties of `constants_of`, to first order by central differences."""
     axes, nominal = estimated.axes, estimated.axes.chain()
@@ -191,9 +180,8 @@ def _depends_on(joints: Collection[int], axes: Axes, convention: Convention) -> 
     as_assumed, moved = (nearest_table(one.chain(), nominal, convention=convention) for one in (axes, free.moved(step)))
     depends = np.abs(constants_of(moved) - constants_of(as_assumed)) > DEPENDS
     columns = depends[: 6 * len(axes.pose)].reshape(len(COLUMNS), -1)
-    names = [name.partition("_")[0] for name in COLUMNS]
     # Whether the axes are parallel, so that there are a beta and a b, is not known either.
-    columns[[names.index("beta"), names.index("b")]] |= columns[names.index("alpha")]
+    columns[[_NAMES.index("beta"), _NAMES.index("b")]] |= columns[_NAMES.index("alpha")]
     return depends, bool(np.abs(moved.base - as_assumed.base).max() <= DEPENDS)
 
 
@@ -201,7 +189,7 @@ def constants_of(table: DHTable) -> FloatArray:
     """(6 n_joints + 3,) the columns of a table one after the other [mm, rad], and the tip in the last joint's frame."""
     flange = table.flange
     tip = flange[:3, :3] @ table.tip_in_flange + flange[:3, 3]
-    return np.concatenate([*(getattr(table, name.partition("_")[0]) for name in COLUMNS), tip])
+    return np.concatenate([*(getattr(table, name) for name in _NAMES), tip])
 
 
 def _judge_gains(session: Session, estimated: EstimatedAxes) -> Iterator[str]:
@@ -262,13 +250,12 @@ class CircleArm(TableRecord):
 
     def u(self, column: str) -> FloatArray:
         """(n_joints,) standard uncertainties of a column of the table, a, d, alpha, .. [mm, or rad]."""
-        names = [name.partition("_")[0] for name in COLUMNS]
-        n, at = self.arm.n_joints, names.index(column)
+        n, at = self.arm.n_joints, _NAMES.index(column)
         return self.std[n * at : n * (at + 1)]
 
     def _u_columns(self) -> dict[str, FloatArray]:
         """The same of every column [mm, or deg] under the names of an arm file: a_mm, .., alpha_deg, .."""
-        parts = ((name, self.u(name.partition("_")[0])) for name in COLUMNS)
+        parts = zip(COLUMNS, map(self.u, _NAMES), strict=True)
         return {name: np.degrees(part) if name.endswith("deg") else part for name, part in parts}
 
     @property

@@ -25,7 +25,7 @@ from truearm.wings.planning.designs import Strategy
 from truearm.wings.planning.designs.candidates import Candidates
 from truearm.wings.planning.designs.plan import SessionPlan
 from truearm.wings.planning.designs.proposal import CalibrationPlan, Proposal
-from truearm.wings.planning.designs.template import bars, notes, place_names
+from truearm.wings.planning.designs.template import bars, notes, place_names, places_of_seats
 from truearm.wings.planning.designs.tour import joint_moves
 from truearm.wings.planning.designs.workspace import joint_origins, stance
 
@@ -278,15 +278,12 @@ def _where(plan: CalibrationPlan, poses: Candidates) -> Section:
 
 
 def _places_table(poses: Candidates) -> Table:
-    assert poses.seat is not None
-    assert poses.seat_points is not None
-    rows = []
-    for name in dict.fromkeys(poses.seat.tolist()):
-        here = poses.seat == name
-        x, y, z = poses.seat_points[int(np.argmax(here))].round().astype(int).tolist()
-        rows.append((name, x, y, z, int(here.sum())))
+    rows = tuple(
+        (name, *point.round().astype(int).tolist(), int(np.sum(poses.seat == name)))
+        for name, point in places_of_seats(poses).items()
+    )
     columns = Column.of("seat", "x [mm]", "y [mm]", "z [mm]", "poses")
-    return Table(columns, tuple(rows), "Seats in the base frame, in the order of use.")
+    return Table(columns, rows, "Seats in the base frame, in the order of use.")
 
 
 def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
@@ -304,12 +301,6 @@ def _how(plan: CalibrationPlan, poses: Candidates) -> Section:
     )
 
 
-def _axes(plan: CalibrationPlan, *, side: bool) -> FloatArray:
-    """What is across and up (2, 3): from above, or from the side with the front to the right."""
-    front = stance(plan.arm).front_rad
-    return np.array([[np.cos(front), np.sin(front), 0.0], [0.0, 0.0, 1.0]]) if side else np.eye(3)[:2]
-
-
 def _flat(view: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     across, up = view @ points.T
     return across, up
@@ -318,7 +309,7 @@ def _flat(view: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]
 def _view(plan: CalibrationPlan, points: FloatArray, *, side: bool) -> tuple[Drawing, Axes, FloatArray]:
     """A view of the points, the base and the working pose."""
     seen = [points, joint_origins(plan.arm.chain, plan.arm.working[None])[0], np.zeros((1, 3))]
-    view = _axes(plan, side=side)
+    view = _views(plan.arm)[0] if side else np.eye(3)[:2]
     flat = view @ np.concatenate(seen).T
     labels, title = (("ahead [mm]", "z [mm]"), "from the side") if side else (("x [mm]", "y [mm]"), "from above")
     return *make_view((4.6, 3.9), flat.min(axis=1), flat.max(axis=1), labels=labels, title=title), view
@@ -341,11 +332,7 @@ def _arm(
 
 
 def _artefacts(axes: Axes, view: FloatArray, poses: Candidates, *, label: bool) -> None:
-    assert poses.seat is not None
-    assert poses.seat_points is not None
-    points = {
-        name: poses.seat_points[int(np.argmax(poses.seat == name))] for name in dict.fromkeys(poses.seat.tolist())
-    }
+    points = places_of_seats(poses)
     ends = bars(poses) if poses.length_mm is not None else []
     for one, other in ends:
         axes.plot(*_flat(view, np.stack([points[one], points[other]])), color=ORANGE, linewidth=2.4, zorder=3)

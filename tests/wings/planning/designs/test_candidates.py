@@ -182,7 +182,7 @@ def test_poses_chosen_leave_less_uncertainty_than_poses_drawn(volume):
     technician = [problem.variance(rng.permutation(np.flatnonzero(found.technician))[:15]) for rng in rngs]
     assert best < min(drawn)
     assert best < min(technician)
-    assert best <= problem.variance(select_candidates(problem, 15, strategy="D-optimal"))
+    assert best <= problem.variance(select_candidates(problem, 15, strategy="d-optimal"))
 
 
 def test_places_of_a_bar_chosen_leave_less_uncertainty_than_places_drawn(volume):

@@ -11,7 +11,8 @@ from scipy.optimize import brentq
 from truearm.arm.catalogue import load_arm
 from truearm.wings.planning.virtual import PRESETS, VirtualArm
 from truearm.wings.planning.virtual.arm import TESTS, _test_of, box_sample, to_mean
-from truearm.wings.planning.virtual.error_model import draw_geometry, geometry_stream
+from truearm.wings.planning.virtual.error_model import draw_geometry
+from truearm.wings.planning.virtual.state import random_stream
 
 RESEARCH = PRESETS["research"]
 
@@ -27,7 +28,7 @@ def errors_of_nominal(arm: VirtualArm) -> np.ndarray:
 def test_the_draw_kept_is_one_of_the_stream_at_the_scale_that_a_root_finder_gives(name, seed):
     arm = VirtualArm.draw(load_arm(name), RESEARCH, seed=seed)
     kept = arm.systematic.geometry
-    stream = geometry_stream(seed)
+    stream = random_stream("arm", seed, "geometry")
     for _ in range(1000):
         drawn = draw_geometry(arm.nominal.chain, RESEARCH, stream)
         scale = (drawn * kept).sum() / (drawn * drawn).sum()

@@ -34,9 +34,9 @@ from truearm.wings.planning.designs.exchange import (
 from truearm.wings.planning.designs.information import tip_jacobian
 from truearm.wings.planning.designs.plan import NOISE_MM
 from truearm.wings.planning.designs.planned_readings import PlannedReadings
-from truearm.wings.planning.designs.prior import identified_prior, nominal_prior
+from truearm.wings.planning.designs.prior import held_readings, identified_prior, nominal_prior
 from truearm.wings.planning.designs.proposal import VOLUME_POSES
-from truearm.wings.planning.designs.sequential_update import Estimate, held_readings, updated_estimate, with_reading
+from truearm.wings.planning.designs.sequential_update import Estimate, updated_estimate, with_reading
 from truearm.wings.planning.designs.tour import joint_moves
 
 NEARLY_BEST = 0.8  # share of the largest gain; of the poses that gain as much the nearest comes next

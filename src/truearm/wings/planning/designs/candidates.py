@@ -303,12 +303,8 @@ class _Search:
             self.rejected[NO_TABLE] += int((~held).sum())
             return points[held]
 
-        if len(found := _drawn(draw, n, _PLACES)) < n:
-            raise InputError(
-                "there is hardly a place for a seat: the table and the boxes leave none in front of the arm",
-                hint=_WHERE_TABLES_ARE,
-            )
-        return found
+        problem = "there is hardly a place for a seat: the table and the boxes leave none in front of the arm"
+        return _drawn(draw, n, _PLACES, problem, _WHERE_TABLES_ARE)
 
     def places_of_bars(self, n: int, length_mm: float) -> FloatArray:
         """Draw both ends of bars in the sector, uniform over places and directions, (n, 2, 3) [mm]."""
@@ -322,13 +318,9 @@ class _Search:
             self.rejected.update({NO_ROOM: int((~inside).sum()), NO_TABLE: int((inside & ~held).sum())})
             return np.stack([first, second], axis=1)[inside & held]
 
-        if len(found := _drawn(draw, n, _PLACES)) < n:
-            raise InputError(
-                f"a bar of {length_mm:g} mm hardly fits into the volume of an arm with a reach of "
-                f"{self.where.reach_mm:.0f} mm",
-                hint=f"use a shorter bar, or another sector; {_WHERE_TABLES_ARE}",
-            )
-        return found
+        room = f"the volume of an arm with a reach of {self.where.reach_mm:.0f} mm"
+        hint = f"use a shorter bar, or another sector; {_WHERE_TABLES_ARE}"
+        return _drawn(draw, n, _PLACES, f"a bar of {length_mm:g} mm hardly fits into {room}", hint)
 
     def reached(self, places: FloatArray, wanted: int) -> list[tuple[int, list[FloatArray]]]:
         """The first places (n, seats, 3) whose seats are all reached: number and (per_seat, n_joints) of each seat."""
@@ -373,13 +365,15 @@ class _Search:
         )
 
 
-def _drawn(draw: Callable[[], FloatArray], n: int, times: int) -> FloatArray:
-    """N rows by as many draws as are needed, or fewer rows if `times` draws do not give as many."""
+def _drawn(draw: Callable[[], FloatArray], n: int, times: int, problem: str, hint: str) -> FloatArray:
+    """N rows by as many draws as are needed; refused if `times` draws do not give as many."""
     found = draw()
     for _ in range(times - 1):
         if len(found) >= n:
             break
         found = np.concatenate([found, draw()])
+    if len(found) < n:
+        raise InputError(problem.replace("{}", str(len(found))), hint=hint)
     return found[:n]
 
 
@@ -395,12 +389,8 @@ def _spread(arm: Arm, n: int, sector: Sector, rng: np.random.Generator) -> Float
         inside = in_sector(tips, where, sector)
         return angles[inside][is_above_table(arm.chain, angles[inside], tips[inside])]
 
-    if len(found := _drawn(draw, n, _DRAWS // 50)) < n:
-        raise InputError(
-            f"found only {len(found)} of {n} poses of arm {arm.name!r} with the tip in the volume",
-            hint="use a larger sector",
-        )
-    return found
+    problem = f"found only {{}} of {n} poses of arm {arm.name!r} with the tip in the volume"
+    return _drawn(draw, n, _DRAWS // 50, problem, "use a larger sector")
 
 
 def within_a_turn(arm: Arm, angles: FloatArray) -> FloatArray:

@@ -44,6 +44,7 @@ from truearm.identification.references.alignment import rigid_motions
 from truearm.solve.linear_algebra import whiten
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
+from truearm.wings.planning.designs import Strategy
 
 
 def moment_matrix(jacobians: FloatArray, tips: FloatArray | None = None, *, scale: bool = False) -> FloatArray:
@@ -277,12 +278,12 @@ class DOptimality:
         return np.asarray(np.linalg.slogdet(np.eye(S.shape[1]) + S)[1])
 
 
-STRATEGIES = ("I-optimal", "D-optimal")
-"""The strategies of `select_candidates`."""
+OPTIMAL: tuple[Strategy, ...] = ("i-optimal", "d-optimal")
+"""The strategies of `select_candidates`, which choose poses for what they tell of the arm."""
 
 
 def select_candidates(
-    problem: DesignProblem, n: int, *, strategy: str = "I-optimal", progress: Progress | None = None
+    problem: DesignProblem, n: int, *, strategy: Strategy = "i-optimal", progress: Progress | None = None
 ) -> IntArray:
     """Choose candidates by a strategy.
 
@@ -292,7 +293,7 @@ def select_candidates(
     n : int
         Number of candidates, each at most once.
     strategy : str
-        One of `STRATEGIES`.
+        One of `OPTIMAL`.
     progress : callable, optional
 
     Returns
@@ -306,12 +307,12 @@ def select_candidates(
     InputError
         If the strategy is unknown, or there are fewer candidates than asked for.
     """
-    if strategy not in STRATEGIES:
-        raise InputError(f"expected a strategy among {', '.join(STRATEGIES)}, got {strategy!r}")
+    if strategy not in OPTIMAL:
+        raise InputError(f"expected a strategy among {', '.join(OPTIMAL)}, got {strategy!r}")
     if not 1 <= n <= problem.n_candidates:
         raise InputError(f"expected to choose 1 to {problem.n_candidates} candidates, got {n}")
-    criterion: Criterion = IOptimality() if strategy == "I-optimal" else DOptimality()
-    starting: list[Criterion] = [criterion] if strategy == "D-optimal" else [criterion, DOptimality()]
+    criterion: Criterion = IOptimality() if strategy == "i-optimal" else DOptimality()
+    starting: list[Criterion] = [criterion] if strategy == "d-optimal" else [criterion, DOptimality()]
     with one_blas_thread():
         # Some candidates are useful only together, as the first two poses in a seat: the first alone does not lower the
         # I-criterion, but it changes the determinant. The selection starts from both.

@@ -17,7 +17,7 @@ from truearm.identification.terms import ArmState, Constant, InSession, Term, ba
 from truearm.identification.terms.catalogue import gravity, own_axis, wobble
 from truearm.identification.terms.linear_axis import linear_axis
 from truearm.readings import Session, check_sessions
-from truearm.typing import FloatArray
+from truearm.typing import BoolArray, FloatArray, NameArray
 from truearm.wings.planning.designs import Terms as Terms
 from truearm.wings.planning.designs.exchange import project_out
 from truearm.wings.planning.designs.information import tip_jacobian
@@ -103,10 +103,9 @@ class Prior:
             If the readings have neither points nor seats, or a seat or a surface is in two sessions.
         """
         check_sessions(readings)
-        seat = np.full(len(readings), "") if readings.seat is None else readings.seat
+        seat, held = held_readings(readings)
         session = np.full(len(readings), "") if readings.session is None else readings.session
         seen = readings.has_point
-        held = (seat != "") & ~seen
         if not (seen | held).any():
             raise readings.error("expected readings with points or seats; there are none")
         prior = self
@@ -125,6 +124,12 @@ class Prior:
                 information = project_out(jacobian.reshape(3 * len(rows), -1) / self.noise_mm, unknown)
                 prior = prior.updated(information)
         return prior
+
+
+def held_readings(readings: Session) -> tuple[NameArray, BoolArray]:
+    """The seat of each reading, empty where there is none, and whether that says where the tip is: no point does."""
+    seat = np.full(len(readings), "") if readings.seat is None else readings.seat
+    return seat, np.asarray((seat != "") & ~readings.has_point)
 
 
 def nominal_prior(arm: Arm, *, terms: Terms = "physical", noise_mm: float) -> Prior:

@@ -26,7 +26,7 @@ from truearm.wings.planning.designs.candidates import (
     volume_poses,
 )
 from truearm.wings.planning.designs.coordinate_exchange import shorten_path
-from truearm.wings.planning.designs.exchange import DesignProblem, project_out, select_candidates
+from truearm.wings.planning.designs.exchange import OPTIMAL, DesignProblem, project_out, select_candidates
 from truearm.wings.planning.designs.information import design_problem, tip_jacobian
 from truearm.wings.planning.designs.observability import Observability, observability
 from truearm.wings.planning.designs.planned_readings import checked_count, checked_seed
@@ -38,9 +38,6 @@ Progress = Callable[[int, str], None]
 
 STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
 """Smallest uncertainty in the volume; smallest confidence ellipsoid; poses of a person who measures; random poses."""
-
-OPTIMAL: tuple[Strategy, ...] = ("i-optimal", "d-optimal")
-"""The strategies that choose poses for what they tell of the arm."""
 
 LENGTH_U_MM = 0.005
 """Assumed standard uncertainty of the length of a bar [mm]."""
@@ -344,11 +341,9 @@ class _Chooser:
     def _choose(
         self, candidates: Candidates, n: int, strategy: Strategy, tell: Callable[[str, int, int], None]
     ) -> IntArray:
-        optimal = strategy.endswith("optimal")
-        if not optimal:
+        if strategy not in OPTIMAL:
             return np.random.default_rng(self.seed).permutation(len(candidates))[:n]
-        name = {"i-optimal": "I-optimal", "d-optimal": "D-optimal"}[strategy]
-        return select_candidates(self._problem(candidates), n, strategy=name, progress=tell)
+        return select_candidates(self._problem(candidates), n, strategy=strategy, progress=tell)
 
     @cached_property
     def _prior(self) -> Prior:
@@ -356,17 +351,7 @@ class _Chooser:
         return self.prior.with_frame() if self.artefact.kind == "tracker" else self.prior
 
     def _problem(self, candidates: Candidates) -> DesignProblem:
-        prior = self._prior
-        return design_problem(
-            prior.perturbed_chain,
-            candidates,
-            prior.state(candidates.angles),
-            prior.state(self.volume),
-            prior_precision=prior.precision,
-            noise_mm=prior.noise_mm,
-            length_u_mm=LENGTH_U_MM,
-            scale=self.artefact.kind == "seat",
-        )
+        return _design_problem(self._prior, candidates, self.volume, scale=self.artefact.kind == "seat")
 
     def _in_places(self, places: int, per_seat: int, *, technician: bool) -> Candidates:
         options = {"poses": per_seat, "seed": self.seed, "technician": technician, "surroundings": self.surroundings}
@@ -380,21 +365,12 @@ def information_rows(prior: Prior, poses: Candidates) -> FloatArray:
 
     The frame of a tracker and the positions of seats are eliminated: they are estimated from the same readings.
     """
-    state = prior.state(poses.angles)
-    tips, jacobian = tip_jacobian(prior.perturbed_chain, state)
-    J = jacobian.reshape(3 * len(state), -1) / prior.noise_mm
+    tips, jacobian = tip_jacobian(prior.perturbed_chain, prior.state(poses.angles))
+    J = jacobian.reshape(3 * len(tips), -1) / prior.noise_mm
     if poses.seat is None:
         rows = project_out(J, rigid_motions(tips))
     else:  # as in `design_problem`; its target is not used
-        problem = design_problem(
-            prior.perturbed_chain,
-            poses.group_by_place(),
-            state,
-            state,
-            prior_precision=prior.precision,
-            noise_mm=prior.noise_mm,
-            length_u_mm=LENGTH_U_MM,
-        )
+        problem = _design_problem(prior, poses.group_by_place(), poses.angles)
         rows = problem.factors.reshape(-1, problem.factors.shape[2])
         if poses.length_mm is not None:  # the length of the bar is estimated too, with its certificate as prior
             certificate = np.zeros((1, rows.shape[1]))
@@ -408,6 +384,20 @@ def information_rows(prior: Prior, poses: Candidates) -> FloatArray:
     scaled = size * np.sqrt(prior.covariance.diagonal())
     gone = (size < _GONE * np.linalg.norm(J, axis=0)) | (scaled < _GONE * scaled.max())
     return np.where(gone, 0.0, rows)
+
+
+def _design_problem(prior: Prior, poses: Candidates, volume: FloatArray, *, scale: bool = False) -> DesignProblem:
+    """That of candidates and poses (n, n_joints) of later use."""
+    return design_problem(
+        prior.perturbed_chain,
+        poses,
+        prior.state(poses.angles),
+        prior.state(volume),
+        prior_precision=prior.precision,
+        noise_mm=prior.noise_mm,
+        length_u_mm=LENGTH_U_MM,
+        scale=scale,
+    )
 
 
 def _shared_out(poses: Candidates, n: int) -> IntArray:

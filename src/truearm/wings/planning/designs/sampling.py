@@ -241,8 +241,7 @@ def surface_normals(tips: FloatArray, where: Stance, rng: np.random.Generator) -
     azimuth = back + np.radians(rng.uniform(-110, 110, len(tips)))
     sideways = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(tips))])
     up = rng.random((len(tips), 1)) < FROM_ABOVE
-    normals: FloatArray = np.where(up, np.array([0.0, 0.0, 1.0]), sideways)
-    return normals
+    return np.where(up, np.array([0.0, 0.0, 1.0]), sideways)
 
 
 def postures(
@@ -253,9 +252,7 @@ def postures(
     out[:, 0] += azimuth_of(tips, where)
     if arm.n_joints > 6:
         out[:, -1] += np.radians(roll_std_deg) * rng.standard_normal(len(tips))
-    lower, upper = inner_limits(arm)
-    inside: FloatArray = np.clip(out, lower, upper)
-    return inside
+    return np.asarray(np.clip(out, *inner_limits(arm)))
 
 
 def inner_limits(arm: Arm) -> tuple[FloatArray, FloatArray]:

@@ -41,10 +41,10 @@ from truearm.identification.references.alignment import align
 from truearm.identification.terms import ArmState
 from truearm.readings import Session
 from truearm.solve.threads import one_blas_thread
-from truearm.typing import BoolArray, FloatArray, NameArray
+from truearm.typing import FloatArray, NameArray
 from truearm.wings.planning.designs.exchange import DesignProblem
 from truearm.wings.planning.designs.information import SEAT_STD_MM, tip_jacobian
-from truearm.wings.planning.designs.prior import Prior
+from truearm.wings.planning.designs.prior import Prior, held_readings
 
 NOISE_WORTH = 10.0
 MOST_STEPS = 5
@@ -315,12 +315,6 @@ def with_reading(prior: Prior, reading: Session, state: ArmState, before: Estima
 
 def _mean(prior: Prior) -> FloatArray:
     return np.zeros(prior.perturbed_chain.n_coefficients) if prior.mean is None else prior.mean
-
-
-def held_readings(readings: Session) -> tuple[NameArray, BoolArray]:
-    """The seat of each reading, empty where there is none, and whether that says where the tip is: no point does."""
-    seat = np.full(len(readings), "") if readings.seat is None else readings.seat
-    return seat, np.asarray((seat != "") & ~readings.has_point)
 
 
 def _placed(prior: Prior, terms: FloatArray, readings: Session, state: ArmState) -> Prior:

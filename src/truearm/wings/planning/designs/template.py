@@ -73,12 +73,11 @@ def write_aims(
     joints = [f"q{number}_{unit}" for number, unit in enumerate(arm.joint_units, start=1)]
     measured = [*joints, *(("x_mm", "y_mm", "z_mm") if points else ())]
     aims = np.where(arm.chain.is_prismatic, angles, np.degrees(angles)).tolist()
-    with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow([*measured, *names, "note", *(f"{AIM}{joint}" for joint in joints)])
-        for row, (note, aim) in enumerate(zip(notes, aims, strict=True)):
-            named = [column[row] for column in names.values()]
-            writer.writerow([*[""] * len(measured), *named, note, *(f"{angle:.1f}" for angle in aim)])
+    rows: list[list[str]] = [[*measured, *names, "note", *(f"{AIM}{joint}" for joint in joints)]]
+    for row, (note, aim) in enumerate(zip(notes, aims, strict=True)):
+        named = [column[row] for column in names.values()]
+        rows.append([*[""] * len(measured), *named, note, *(f"{angle:.1f}" for angle in aim)])
+    _write_rows(path, rows)
 
 
 def write_bar_lengths(poses: Candidates, path: str | Path) -> None:
@@ -92,11 +91,13 @@ def write_length_rows(ends: Sequence[tuple[str, str]], length_mm: float, u_mm: f
     note = (
         "as planned; enter length and standard uncertainty from the certificate of the bar, and its expansion if known"
     )
+    stated = f"{length_mm:g}", f"{u_mm:g}", f"bar {length_mm:g}", "", "", note
+    _write_rows(path, [Lengths.form_columns, *((*pair, *stated) for pair in ends)])
+
+
+def _write_rows(path: str | Path, rows: Iterable[Sequence[str]]) -> None:
     with atomic_file(path) as beside, beside.open("w", encoding="utf-8", newline="") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(Lengths.form_columns)
-        stated = f"{length_mm:g}", f"{u_mm:g}", f"bar {length_mm:g}", "", "", note
-        writer.writerows((*pair, *stated) for pair in ends)
+        csv.writer(out, lineterminator="\n").writerows(rows)
 
 
 def bars(poses: Candidates) -> list[tuple[str, str]]:
@@ -135,23 +136,22 @@ def notes(poses: Candidates) -> list[str]:
     """Instruction for each pose."""
     if poses.seat is None:
         return ["tip visible to the tracker"] * len(poses.angles)
-    assert poses.seat_points is not None  # poses in seats
     instructions, before = [], ""
-    places = place_names(poses)
+    places, points = place_names(poses), places_of_seats(poses)
     for row, seat in enumerate(poses.seat.tolist()):
         if places[row] == before:
             instructions.append(f"tip in seat {seat}")
             continue
         before = str(places[row])
         ends = dict.fromkeys(poses.seat[places == before].tolist())
-        where = "; ".join(f"{end} at {_point(poses, end)}" for end in sorted(ends))
+        where = "; ".join("{} at x {:.0f} y {:.0f} z {:.0f} mm".format(end, *points[end]) for end in sorted(ends))
         what = "fix the seat" if poses.length_mm is None else "fix the bar"
         instructions.append(f"{what}, {where}; tip in seat {seat}")
     return instructions
 
 
-def _point(poses: Candidates, seat: str) -> str:
-    assert poses.seat is not None
+def places_of_seats(poses: Candidates) -> dict[str, FloatArray]:
+    """The point (3,) of each seat [mm], in the order of use."""
+    assert poses.seat is not None  # poses in seats
     assert poses.seat_points is not None
-    x, y, z = poses.seat_points[int(np.argmax(poses.seat == seat))]
-    return f"x {x:.0f} y {y:.0f} z {z:.0f} mm"
+    return {name: poses.seat_points[int(np.argmax(poses.seat == name))] for name in dict.fromkeys(poses.seat.tolist())}

@@ -26,7 +26,6 @@ from truearm.wings.planning.virtual.error_model import (
     draw_geometry,
     draw_systematic_errors,
     error_model,
-    geometry_stream,
 )
 from truearm.wings.planning.virtual.presets import ARCSEC, Preset, load_preset
 from truearm.wings.planning.virtual.state import (
@@ -81,7 +80,7 @@ def constrain_geometry(arm: Arm, systematic: SystematicErrors, preset: Preset, *
         If none of 20,000 draws is accepted.
     """
     test = _test_of(arm, preset)
-    stream = geometry_stream(seed)
+    stream = random_stream("arm", seed, "geometry")
     motions = test.other_motions(systematic)
     others = test.errors(motions)
     if np.abs(others).mean() >= preset.nominal_mean_mm:  # a robot that bends more than a measuring arm errs in all
@@ -124,8 +123,7 @@ def _likely(test: _Test, others: FloatArray, batch: FloatArray, preset: Preset, 
     geometric = batch.reshape(len(batch), len(test.by_constant)) @ test.by_constant[:, :values]
     scale, errors = to_mean(others[:values], geometric, preset.nominal_mean_mm)
     off = _off(errors, preset, n_tests=n_tests)
-    likely: FloatArray = (scale[:, None, None] * batch)[off <= 1.2 * preset.nominal_max_tolerance_mm]
-    return likely
+    return np.asarray((scale[:, None, None] * batch)[off <= 1.2 * preset.nominal_max_tolerance_mm])
 
 
 def _scaled(
@@ -149,8 +147,7 @@ def _scaled(
 def _off(errors: FloatArray, preset: Preset, *, n_tests: int) -> FloatArray:
     """Largest deviation of the maximum of a test from that of the preset, (k,) [mm], for errors (k, m) of k arms."""
     maxima = np.abs(errors).reshape(len(errors), n_tests, errors.shape[1] // n_tests).max(axis=2)
-    off: FloatArray = np.abs(maxima - preset.nominal_max_mm).max(axis=1)
-    return off
+    return np.asarray(np.abs(maxima - preset.nominal_max_mm).max(axis=1))
 
 
 def to_mean(others: FloatArray, geometric: FloatArray, mean: float) -> tuple[FloatArray, FloatArray]:

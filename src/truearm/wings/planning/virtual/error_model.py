@@ -298,8 +298,7 @@ class ErrorClass:
             return np.zeros(0)
         z = random_stream("arm", seed, self.stream).standard_normal(self.n_numbers)[self._index]
         t = z**self.power / np.sqrt(factorial2(2 * self.power - 1))
-        coefficients: FloatArray = (self._mean + self._std * t) * np.exp(self.log_std * z)
-        return coefficients
+        return np.asarray((self._mean + self._std * t) * np.exp(self.log_std * z))
 
     @cached_property
     def _index(self) -> IntArray:
@@ -387,8 +386,7 @@ class SystematicErrors:
 
     def of_group(self, group: str) -> FloatArray:
         """Coefficients of the terms of a group, in their order."""
-        selected: FloatArray = self.coefficients[self.model.groups == group]
-        return selected
+        return np.asarray(self.coefficients[self.model.groups == group])
 
     def scaled(self, factors: Mapping[str, float]) -> SystematicErrors:
         """Multiply the coefficients of groups by factors."""
@@ -465,11 +463,6 @@ def draw_geometry(chain: Chain, preset: Preset, stream: np.random.Generator) -> 
     motions[:, 3:] *= preset.length_std_mm
     motions[-1, :3] = 0.0
     return motions
-
-
-def geometry_stream(seed: int) -> np.random.Generator:
-    """Return the stream that an arm's geometry is drawn from."""
-    return random_stream("arm", seed, "geometry")
 
 
 def _unit(component: int) -> tuple[float, ...]:

@@ -134,8 +134,7 @@ def air_temperatures(n: int, preset: Preset, stream: np.random.Generator) -> Flo
     time_s = np.arange(n) * preset.reading_interval_s
     phase = stream.uniform(0, 2 * np.pi)
     swing = np.sin(2 * np.pi * time_s / preset.temperature_period_s + phase)
-    air: FloatArray = preset.temperature_degC + preset.temperature_swing_K * swing
-    return air
+    return np.asarray(preset.temperature_degC + preset.temperature_swing_K * swing)
 
 
 def given_temperatures(temperature_degC: npt.ArrayLike, n: int) -> FloatArray:
@@ -152,8 +151,7 @@ def hand_forces(preset: Preset, n: int, stream: np.random.Generator) -> FloatArr
     tilt = np.radians(preset.force_tilt_deg) * stream.standard_normal((n, 2))
     angle = np.linalg.norm(tilt, axis=1)
     normal = np.column_stack([np.sinc(angle / np.pi)[:, None] * tilt, -np.cos(angle)])
-    force: FloatArray = size[:, None] * normal
-    return force
+    return np.asarray(size[:, None] * normal)
 
 
 def mean_hand_force(preset: Preset) -> FloatArray:
