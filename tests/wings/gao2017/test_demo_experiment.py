@@ -9,15 +9,14 @@ import pytest
 from truearm.models import NominalModel
 from truearm.pages.html import render
 from truearm.wings.gao2017.demo import (
-    HALF_WIDTH_DEG,
-    PAPER_NOMINAL_MM,
+    PAPER_SETTINGS,
     PAPER_TRAINER_MM,
     QUICK_SETTINGS,
     DemoResult,
     Settings,
     experiment,
 )
-from truearm.wings.gao2017.tables import N_FINAL_TEST, TABLES
+from truearm.wings.gao2017.tables import FINAL_TEST, N_FINAL_TEST, TABLES
 from truearm.wings.gao2017.training import FINAL_TEST_STREAM, run_training
 from truearm.wings.gao2017.training_plan import EXPERIMENT, FULL_EFFORT, training_of
 
@@ -46,8 +45,8 @@ def test_the_nominal_arm_errs_as_the_papers_does(small):
     In the experiment's own the mean is the same within a twentieth, the largest a twentieth to a tenth smaller.
     """
     errors = small.errors("box")["nominal"]
-    assert errors["mean_abs_coordinate_mm"] == pytest.approx(PAPER_NOMINAL_MM[0], abs=0.03)
-    assert errors["max_abs_coordinate_mm"] == pytest.approx(PAPER_NOMINAL_MM[1], abs=0.09)
+    assert errors["mean_abs_coordinate_mm"] == pytest.approx(FINAL_TEST["nominal"].mean_mm, abs=0.03)
+    assert errors["max_abs_coordinate_mm"] == pytest.approx(FINAL_TEST["nominal"].max_mm, abs=0.09)
 
 
 def test_the_kinematic_model_comes_near_the_noise_floor_and_holds_outside_the_box(small):
@@ -104,9 +103,9 @@ def test_the_same_seed_gives_the_same_numbers_and_another_seed_another_arm():
 
 
 def test_the_box_is_that_of_the_papers_reproduction(small):
-    assert EXPERIMENT.half_width_deg == HALF_WIDTH_DEG
+    assert PAPER_SETTINGS.half_width_deg == QUICK_SETTINGS.half_width_deg == EXPERIMENT.half_width_deg == 13.0
     offsets = small.training.true_angles - small.arm.nominal.working
-    assert np.abs(np.degrees(offsets)).max() <= HALF_WIDTH_DEG
+    assert np.abs(np.degrees(offsets)).max() <= EXPERIMENT.half_width_deg
 
 
 def test_progress_tells_every_epoch():

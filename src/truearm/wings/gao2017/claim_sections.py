@@ -10,7 +10,7 @@ import numpy as np
 from truearm.number_format import format_count, format_exact, format_in_text, format_percent, show_mm
 from truearm.pages.drawings.error_figures import coordinates_by_reading, errors_by_reading
 from truearm.pages.page import Cell, Column, Section, Table
-from truearm.pages.plotting import Figure, join_phrases
+from truearm.pages.plotting import join_phrases
 from truearm.typing import FloatArray
 from truearm.wings.gao2017.claim_figures import (
     box_figure,
@@ -45,16 +45,14 @@ def final_test_section(results: Reproduction) -> Section | MissingPart:
     """The final test beside the paper's, with Figures 6 to 8."""
     title = "Error before and after (Figures 6 to 8)"
     data, test = results.figures, results.final_test
-    figures: list[Figure] = []
-    if data.figure_6 is not None:
-        figures.append(with_figure_number(6, errors_by_reading(data.figure_6.deviations(), styles=STYLES)))
-    if data.figure_7 is not None:
-        points, predicted = data.figure_7.points_mm, data.figure_7.predicted_mm
-        figures.append(with_figure_number(7, coordinates_by_reading(points, predicted, styles=STYLES)))
-    if data.figure_8 is not None:
-        figures.append(with_figure_number(8, errors_by_reading(data.figure_8.deviations(), styles=STYLES)))
-    made = {6: data.figure_6, 7: data.figure_7, 8: data.figure_8}
-    missing = [str(MissingPart(f"Figure {k}", f"--figure {k}")) for k, part in made.items() if part is None]
+    seven = data.figure_7
+    made = {
+        6: data.figure_6 and errors_by_reading(data.figure_6.deviations(), styles=STYLES),
+        7: seven and coordinates_by_reading(seven.points_mm, seven.predicted_mm, styles=STYLES),
+        8: data.figure_8 and errors_by_reading(data.figure_8.deviations(), styles=STYLES),
+    }
+    figures = [with_figure_number(k, figure) for k, figure in made.items() if figure]
+    missing = [str(MissingPart(f"Figure {k}", f"--figure {k}")) for k, figure in made.items() if not figure]
     if test is None:
         no_test = MissingPart("The final test", "--table 4")
         return Section(title, "\n\n".join([str(no_test), *missing]), figures=tuple(figures)) if figures else no_test

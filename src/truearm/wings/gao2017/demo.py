@@ -11,15 +11,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from time import process_time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
-from truearm.arm import load_arm
 from truearm.files.atomic_write import atomic_file
 from truearm.models import Compensator, HybridModel, KinematicModel, NetworkModel, NominalModel, PhysicalModel
 from truearm.models.uncertainty import uncertainty_budget
@@ -28,10 +26,13 @@ from truearm.pages.drawings.page_record import check_folder
 from truearm.pages.html import render
 from truearm.pages.page import Page, Section
 from truearm.readings import ErrorComparison, compare_errors
+from truearm.typing import FloatArray
 from truearm.verbs.record import Record, TextTable, format_fixed
-from truearm.wings.planning.designs.planned_readings import Poses, box
+from truearm.wings.gao2017.tables import FINAL_TEST
+from truearm.wings.gao2017.training import TEST_STREAM, TRAINING_STREAM, Source, stream_seed, virtual_arm
+from truearm.wings.gao2017.training_plan import EXPERIMENT
 from truearm.wings.planning.designs.sampling import measuring_poses
-from truearm.wings.planning.virtual import Measurement, VirtualArm, load_preset
+from truearm.wings.planning.virtual import Measurement, VirtualArm
 from truearm.wings.reports.comparison import compare_models, page_facts
 from truearm.wings.reports.comparison_page import comparison_page, comparison_verdict, error_table, improvement_sentence
 
@@ -41,22 +42,11 @@ if TYPE_CHECKING:
 # Files of the folder that `DemoResult.save` writes.
 FILES = ("report.html", "summary.json", "before_after.png")
 
-# Mean and maximum absolute error of a coordinate [mm] in the paper: nominal parameters, and the network of row 4 of
-# Table 4, on 200 further poses.
-PAPER_NOMINAL_MM = (0.4492, 0.8978)
-PAPER_NETWORK_MM = (0.0136, 0.0873)
-
 # The network of this experiment is trained by truearm's own trainer on all poses. What the paper's trainer leaves of
 # the errors of the arm of seed 0 on 200 further poses [mm]: the final test of ``truearm reproduce gao2017 --table 4``.
 TRAINER = "varpro"
 PAPER_TRAINER_MM = (0.0147, 0.1250)
 PAPER_TRAINER_COMMAND = "truearm reproduce gao2017 --table 4"
-
-# Half the range of every joint [deg]. The paper states none. In this box a training by MATLAB's rules that stops at the
-# paper's goal has the paper's error (docs/reproduction.md); every error of the network depends on it.
-HALF_WIDTH_DEG = 13.0
-
-AnyArray = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -79,7 +69,7 @@ class Settings:
     n_test: int = 200
     hidden: tuple[int, ...] = (30, 30)
     epochs: int = 150
-    half_width_deg: float = HALF_WIDTH_DEG
+    half_width_deg: float = EXPERIMENT.half_width_deg
 
 
 PAPER_SETTINGS = Settings()
@@ -109,12 +99,12 @@ class Experiment:
     models: dict[str, Compensator]
     fit_cpu_seconds: dict[str, float]
 
-    def predicted(self, test: str) -> dict[str, AnyArray]:
+    def predicted(self, test: str) -> dict[str, FloatArray]:
         """Points (n, 3) of every model on a test [mm]."""
         angles = self.tests[test].readings.angles
         return {name: model.predict(angles) for name, model in self.models.items()}
 
-    def deviations(self, test: str) -> dict[str, AnyArray]:
+    def deviations(self, test: str) -> dict[str, FloatArray]:
         """Predicted minus reference points (n, 3) of every model on a test [mm]."""
         points = self.tests[test].readings.points
         assert points is not None  # a virtual reference sees every pose
@@ -172,17 +162,13 @@ def experiment(
     progress : callable, optional
         Called with each epoch of the network's training and its error in words.
     """
-    nominal = load_arm("gao2017")
-    arm = VirtualArm.draw(nominal, load_preset("research"), seed=seed)
-
-    def measured(poses: Callable[..., Poses], n: int, stream: int) -> Measurement:
-        # Streams of one experiment are neighbours, those of the next seed begin after them.
-        own = 10 * seed + stream
-        return arm.measure(poses(nominal, n, seed=own).angles, seed=own)
-
-    inside = partial(box, half_width=np.radians(settings.half_width_deg))
-    training = measured(inside, settings.n_train, 0)
-    tests = {"box": measured(inside, settings.n_test, 1), "measuring": measured(measuring_poses, settings.n_test, 2)}
+    arm, source, everyday = virtual_arm(seed), Source(settings.half_width_deg, virtual=True), stream_seed(seed, 2)
+    nominal = arm.nominal
+    training = source.measurement(settings.n_train, seed=seed, stream=TRAINING_STREAM)
+    tests = {
+        "box": source.measurement(settings.n_test, seed=seed, stream=TEST_STREAM),
+        "measuring": arm.measure(measuring_poses(nominal, settings.n_test, seed=everyday).angles, seed=everyday),
+    }
     models: dict[str, Compensator] = {
         "nominal": NominalModel(nominal, free=()),
         "network": NetworkModel(
@@ -271,16 +257,16 @@ class DemoResult(Record):
         yield f"{n_train} training poses; {n} test poses in the same box of joint angles, {n} of everyday work outside."
         yield "Distance from the reference point [mm]:"
         yield self._table()
-        mean, largest = PAPER_NETWORK_MM
+        paper = FINAL_TEST["network"]
         own = (format_fixed(models["network"][f"{which}_abs_coordinate_mm"]) for which in ("mean", "max"))
         yield (
-            f"The paper states errors of single coordinates: its network, on its own arm, mean {mean}, max {largest}, "
-            f"97 % removed; this network mean {', max '.join(own)}."
+            f"The paper states errors of single coordinates: its network, on its own arm, mean {paper.mean_mm}, max "
+            f"{paper.max_mm}, 97 % removed; this network mean {', max '.join(own)}."
         )
         yield trainer_sentence()
         yield (
-            f"The network is valid only inside its box, {HALF_WIDTH_DEG:g} deg to each side, which the paper does not "
-            "state; its error depends on that box."
+            f"The network is valid only inside its box, {EXPERIMENT.half_width_deg:g} deg to each side, which the paper "
+            "does not state; its error depends on that box."
         )
         yield "The models of the arm are valid outside it too, the hybrid without what its networks add."
 

@@ -343,7 +343,7 @@ def run_procedure(
     network = run.network(untrained, chosen.setting, readings, f"{chosen.setting}, all")
     tested, of_network = (readings, held_out[chosen]) if test is None else (test, network.predict_readings(test))
     predicted, refused = _predictions(run, models, fit, test, of_network)
-    truth, _shown = np.asarray(tested.points), [name for name in ("nominal", "network", *MODELS) if name in predicted]
+    truth, shown = np.asarray(tested.points), [name for name in ("nominal", "network", *MODELS) if name in predicted]
     return Procedure(
         grid=grid,
         n_readings=len(readings),
@@ -355,9 +355,7 @@ def run_procedure(
         fresh=test is not None,
         points=truth,
         predicted=predicted,
-        errors={
-            n: CoordinateErrors.of(predicted[n] - truth) for n in ("nominal", "network", *MODELS) if n in predicted
-        },
+        errors={name: CoordinateErrors.of(predicted[name] - truth) for name in shown},
         n_outside=int(network.outside_training(tested).sum()),
         best=_best(predicted, tested) if len(predicted) > 1 else None,
         refused=refused,

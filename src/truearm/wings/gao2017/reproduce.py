@@ -478,13 +478,6 @@ def _final_table(test: FinalTestResult) -> TextTable:
         for i, (model, errors) in enumerate(models.items()):
             counts = [*map(str, errors.over_mm.values()), f"{errors.removed_percent:.1f}"]
             compensated = [""] * 3 if model == "nominal" else counts
-            rows.append(
-                [
-                    "" if i else arm,
-                    mark_cut(model, errors.was_cut),
-                    f"{errors.mean_mm:.4f}",
-                    f"{errors.max_mm:.4f}",
-                    *compensated,
-                ]
-            )
+            mean, largest = f"{errors.mean_mm:.4f}", f"{errors.max_mm:.4f}"
+            rows.append(["" if i else arm, mark_cut(model, errors.was_cut), mean, largest, *compensated])
     return TextTable(["arm", "model", "mean", "max", "> 0.05", "> 0.08", "removed %"], rows, (0, 1))

@@ -92,26 +92,22 @@ N_OUTSIDE = 500
 Results = Mapping[Training, TrainingResult]
 
 
-def networks_by_seed(effort: Effort, results: Results, method: Method) -> dict[int, TrainingResult]:
-    """The networks of Table 4, row 4, by seed."""
-    return {one.seed: results[one] for one in trainings(4, TABLES[4][-1], method, effort) if one in results}
+def networks_by_seed(
+    effort: Effort, results: Results, method: Method, *, table: int = 4, row: PaperRow = TABLES[4][-1]
+) -> dict[int, TrainingResult]:
+    """The networks of a row by seed."""
+    return {one.seed: results[one] for one in trainings(table, row, method, effort) if one in results}
 
 
 @lru_cache(maxsize=16)
 def _models(n: int, seed: int) -> dict[str, tuple[Compensator, float]]:
     """The models of the arm, identified from the readings of the networks, each with the CPU time of its fit [s]."""
     readings = EXPERIMENT.measurement(n, seed=seed, stream=TRAINING_STREAM).readings
-    arm = load_arm(ARM)
-    models: dict[str, Compensator] = {
-        "kinematic": KinematicModel(arm, free=()),
-        "hybrid": HybridModel(arm, free=()),
-        "physical": PhysicalModel(arm, free=()),
-    }
     fitted: dict[str, tuple[Compensator, float]] = {}
-    for name in MODELS:
+    for name, kind in zip(MODELS, (KinematicModel, HybridModel, PhysicalModel), strict=True):
         begun = process_time()
-        models[name].fit_readings(readings)
-        fitted[name] = models[name], process_time() - begun
+        model = kind(load_arm(ARM), free=()).fit_readings(readings)
+        fitted[name] = model, process_time() - begun
     return fitted
 
 
@@ -218,11 +214,6 @@ def errors_outside_box(effort: Effort, results: Results) -> OutsideErrors | None
         tuple(np.percentile(by_distance["varpro"], 95, axis=1).tolist()),
         n_cut=sum(network.was_cut for network in networks.values()),
     )
-
-
-def first_row_networks(effort: Effort, results: Mapping[Training, TrainingResult]) -> list[TrainingResult]:
-    """The trainlm networks of Table 2, row 1."""
-    return [results[one] for one in trainings(2, TABLES[2][0], "trainlm", effort) if one in results]
 
 
 def learning_rate(networks: Sequence[TrainingResult]) -> LearningRate | None:
@@ -334,7 +325,8 @@ def reproduce(
     wanted, skipped = plan_trainings(parts, effort)
     results = _run_all(wanted, folder, progress)
     ended = [one.ended for one in results.values()]
-    first = first_row_networks(effort, results) if "table 2" in parts else []
+    row_1 = networks_by_seed(effort, results, "trainlm", table=2, row=TABLES[2][0])
+    first = [*row_1.values()] if "table 2" in parts else []
     machines = [one.machine.model_dump() for one in results.values()] or [machine_data().model_dump()]
     return Reproduction(
         truearm=__version__,

@@ -276,10 +276,9 @@ def _draw_network(sizes: Sequence[int], activation: str) -> Drawing:
         places.append(np.column_stack([np.full(len(units), 0.55 + layer * apart_in), heights]))
     for layer in range(len(sizes) - 1):
         bias = np.array([places[layer][0, 0], _LAYERS_FOOT_IN + 0.22])
-        _connect(
-            axes, np.vstack([places[layer][_real(shown[layer])]]), places[layer + 1][_real(shown[layer + 1])], LIMIT
-        )
-        _connect(axes, bias[None], places[layer + 1][_real(shown[layer + 1])], _BIAS, dash=(0, (3, 2)))
+        ends = places[layer + 1][_real(shown[layer + 1])]
+        _connect(axes, places[layer][_real(shown[layer])], ends, LIMIT)
+        _connect(axes, bias[None], ends, _BIAS, dash=(0, (3, 2)))
         axes.add_patch(Rectangle((bias[0] - 0.1, bias[1] - 0.1), 0.2, 0.2, facecolor=PAPER, edgecolor=_BIAS, zorder=3))
         axes.text(bias[0], bias[1], "1", ha="center", va="center", fontsize=8, zorder=4)
     for layer, (units, where) in enumerate(zip(shown, places, strict=True)):
@@ -310,22 +309,12 @@ def _layer(axes: Axes, units: Sequence[int | None], where: FloatArray, layer: in
         if unit is None:
             axes.plot([x] * 3, y + np.array([-0.09, 0, 0.09]), "o", color=colour, markersize=2.2, zorder=3)
             continue
-        filled = layer not in (0, layers - 1)
-        axes.add_patch(
-            Circle(
-                (x, y),
-                _UNIT_RADIUS_IN,
-                facecolor=colour if filled else PAPER,
-                edgecolor=colour,
-                linewidth=1.3,
-                zorder=3,
-            )
-        )
+        face = PAPER if layer in (0, layers - 1) else colour
+        axes.add_patch(Circle((x, y), _UNIT_RADIUS_IN, facecolor=face, edgecolor=colour, linewidth=1.3, zorder=3))
         if layer == 0:
             axes.text(x - 0.2, y, f"J{unit}", ha="right", va="center")
         elif layer == layers - 1:
-            outputs = units[-1]
-            axes.text(x + 0.2, y, "xyz"[unit - 1] if outputs == 3 else f"y{unit}", ha="left", va="center")
+            axes.text(x + 0.2, y, "xyz"[unit - 1] if units[-1] == 3 else f"y{unit}", ha="left", va="center")
 
 
 def _below(axes: Axes, x: float, sizes: Sequence[int], layer: int, activation: str) -> None:
