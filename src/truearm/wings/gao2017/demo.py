@@ -265,8 +265,8 @@ class DemoResult(Record):
         )
         yield trainer_sentence()
         yield (
-            f"The network is valid only inside its box, {EXPERIMENT.half_width_deg:g} deg to each side, which the paper "
-            "does not state; its error depends on that box."
+            f"The network is valid only inside its box, {EXPERIMENT.half_width_deg:g} deg to each side, which the "
+            "paper does not state; its error depends on that box."
         )
         yield "The models of the arm are valid outside it too, the hybrid without what its networks add."
 

@@ -93,10 +93,11 @@ Results = Mapping[Training, TrainingResult]
 
 
 def networks_by_seed(
-    effort: Effort, results: Results, method: Method, *, table: int = 4, row: PaperRow = TABLES[4][-1]
+    effort: Effort, results: Results, method: Method, *, table: int = 4, place: int = -1
 ) -> dict[int, TrainingResult]:
-    """The networks of a row by seed."""
-    return {one.seed: results[one] for one in trainings(table, row, method, effort) if one in results}
+    """The networks of a row of a table, the last of Table 4 unless stated, by seed."""
+    wanted = trainings(table, TABLES[table][place], method, effort)
+    return {one.seed: results[one] for one in wanted if one in results}
 
 
 @lru_cache(maxsize=16)
@@ -325,8 +326,8 @@ def reproduce(
     wanted, skipped = plan_trainings(parts, effort)
     results = _run_all(wanted, folder, progress)
     ended = [one.ended for one in results.values()]
-    row_1 = networks_by_seed(effort, results, "trainlm", table=2, row=TABLES[2][0])
-    first = [*row_1.values()] if "table 2" in parts else []
+    of_row_1 = networks_by_seed(effort, results, "trainlm", table=2, place=0) if "table 2" in parts else {}
+    first = [*of_row_1.values()]
     machines = [one.machine.model_dump() for one in results.values()] or [machine_data().model_dump()]
     return Reproduction(
         truearm=__version__,

@@ -39,8 +39,8 @@ def test_the_model_has_the_arm_that_was_built(source, tmp_path, links):
     rigid = mjcf.write(model, out, source=f"{source}{links}").rigid
     q = poses(rigid.arm)
     again = ta.load_arm(out)
-    np.testing.assert_allclose(again.chain.tip_in_base(q), rigid.tips_in_base(q), rtol=0, atol=1e-9)  # mm
-    np.testing.assert_allclose(mjcf.tips(out, q), rigid.tips_in_base(q), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(again.chain.tip_in_base(q), rigid.arm.chain.tip_in_base(q), rtol=0, atol=1e-9)  # mm
+    np.testing.assert_allclose(mjcf.tips(out, q), rigid.arm.chain.tip_in_base(q), rtol=0, atol=1e-9)
     assert ta.check_export(model, out).agrees
     twice = tmp_path / "twice.xml"
     ta.export(model, twice, source=out)
