@@ -33,10 +33,9 @@ from truearm.wings.gao2017.claim_figures import (
     widths_at,
 )
 from truearm.wings.gao2017.demo import PAPER_SETTINGS, experiment
-from truearm.wings.gao2017.tables import FINAL_TEST
 from truearm.wings.gao2017.reproduce import reproduce
 from truearm.wings.gao2017.results import METHODS, Method
-from truearm.wings.gao2017.tables import TABLES
+from truearm.wings.gao2017.tables import FINAL_TEST, TABLES
 from truearm.wings.gao2017.training import EVALUATION_STREAM, N_EVALUATION_POSES, Source, Training, run_training
 from truearm.wings.gao2017.training_plan import EXPERIMENT, FULL_EFFORT, SIMULATION, training_of
 from truearm.wings.planning.designs.sampling import box, measuring_poses

@@ -56,6 +56,11 @@ def test_insertions_keep_their_order():
     assert with_edits(b"abc", [Edit(2, 2, b"x"), Edit(0, 1, b"-"), Edit(2, 2, b"y")]) == b"-bxyc"
 
 
+def test_overlapping_edits_are_refused():
+    with pytest.raises(ValueError, match="overlap at 1"):
+        with_edits(b"abc", [Edit(1, 3, b"x"), Edit(0, 2, b"y")])
+
+
 def test_long_gaps_take_no_longer_than_their_length():
     """A quarter of a megabyte of spaces: anything quadratic would take minutes."""
     gap = b" " * 250_000

@@ -12,7 +12,8 @@ from truearm.errors import InputError
 from truearm.wings.exports.programs.fanuc_ls import FanucListing
 from truearm.wings.exports.programs.frames_file import Frame, FramesFile
 from truearm.wings.exports.programs.number_texts import new_numbers
-from truearm.wings.exports.programs.program import Number, Surroundings
+from truearm.wings.exports.programs.numbers import Number
+from truearm.wings.exports.programs.program import Surroundings
 
 FRAMES = FramesFile(tools={"3": Frame(xyz_mm=(0, 0, 100))}, works={"1": Frame(xyz_mm=(10, 20, 30))})
 T = np.eye(4)
