@@ -25,8 +25,9 @@ from truearm.typing import FloatArray
 from truearm.wings.exports.programs.branches import QUANTITIES, Screws, inverse_branches, polished, quantities_of
 from truearm.wings.exports.programs.correct_program import correct_program, language_of
 from truearm.wings.exports.programs.frames_file import FramesFile
-from truearm.wings.exports.programs.program import Edit, Program, Surroundings, with_edits
+from truearm.wings.exports.programs.program import Program, Surroundings
 from truearm.wings.exports.programs.solving import Solver
+from truearm.wings.exports.targets.edits import Edit, with_edits
 from truearm.wings.exports.targets.pose_models import nominal_poses, with_tool
 from truearm.wings.planning.virtual import VirtualArm
 
