@@ -112,7 +112,7 @@ def both(rng: np.random.Generator, arm_mm: float) -> tuple[list[ConformityResult
                 iso10360_12.p_size(probed[which], SPECIFICATION),
                 iso10360_12.p_form(probed[which], SPECIFICATION),
                 *iso10360_12.l_dia([one[which] for one in turned], SPECIFICATION),
-                *iso10360_12.e_uni(uni[which], SPECIFICATION),
+                *iso10360_12.length_errors(uni[which], SPECIFICATION),
                 asme_b89_4_22.effective_diameter(nine[which], SPECIFICATION),
                 *asme_b89_4_22.single_point([seats[which]], SPECIFICATION),
                 *asme_b89_4_22.volumetric(volumetric[which], SPECIFICATION),

@@ -43,7 +43,7 @@ def measured(bar, true_mm, *, scatter_mm, scale=0.0, positions=7, seed=0):
 
 
 def found(lengths, artefacts, limits=LIMITS):
-    return exchanged_bars(lengths, artefacts, limits, "E_Uni", opposite=False)
+    return exchanged_bars(lengths, artefacts, limits)
 
 
 @pytest.mark.parametrize("scale", [0.0, 100e-6])

@@ -11,7 +11,7 @@ from truearm.wings.laboratory.shapes.least_squares_shapes import fit_sphere
 from truearm.wings.laboratory.standards.artefacts import CalibratedBar, CalibratedLength, CalibratedSphere, Seat
 from truearm.wings.laboratory.standards.asme_b89_4_22 import SeatPoints, effective_diameter, single_point, volumetric
 from truearm.wings.laboratory.standards.decision import Verdict
-from truearm.wings.laboratory.standards.iso10360_12 import e_bi, e_uni, l_dia, p_form, p_size
+from truearm.wings.laboratory.standards.iso10360_12 import l_dia, length_errors, p_form, p_size
 from truearm.wings.laboratory.standards.measurands import LengthMeasurement, SphereMeasurement, check_spread
 from truearm.wings.laboratory.standards.positions import hemisphere
 from truearm.wings.laboratory.standards.specification import Specification
@@ -47,9 +47,9 @@ def ball(radius, *, where="", degC=20.0, tip_mm=0.0, middle=(0.0, 0.0, 0.0), sph
     return SphereMeasurement(sphere, octahedron(radius, middle), degC, tip_mm, where)
 
 
-def bar(start, end, *, length=LONG, position="1", repeat="1", degC=20.0, tip_mm=0.0):
+def bar(start, end, *, length=LONG, position="1", repeat="1", degC=20.0, tip_mm=0.0, symbol="E_Uni"):
     start, end = np.atleast_2d(start), np.atleast_2d(end)
-    return LengthMeasurement(BAR, length, start, end, degC, tip_mm, position, repeat)
+    return LengthMeasurement(BAR, length, start, end, degC, tip_mm, position, repeat, symbol)
 
 
 def straight(length_mm, **others):
@@ -118,7 +118,7 @@ def test_location_compares_places_that_each_may_have_moved():
 def test_lengths_one_row_each_and_the_worst_of_all_positions():
     limit = {"A_um": 10, "K_mm_per_um": 100, "B_um": 18}
     spec = Specification(name="arm", source="test", measuring_range_mm=1500, limits={"E_Uni": limit})
-    rows = e_uni(
+    rows = length_errors(
         [
             straight(100.005, length=SHORT, position="1"),
             straight(99.99, length=SHORT, position="2", repeat="3"),
@@ -137,7 +137,7 @@ def test_lengths_one_row_each_and_the_worst_of_all_positions():
 
 
 def test_a_warm_bar_is_brought_to_20_degrees():
-    row = e_uni([straight(1000.0 * (1 + 1e-5 * 5), degC=25.0)], NO_LIMITS)[0]
+    row = length_errors([straight(1000.0 * (1 + 1e-5 * 5), degC=25.0)], NO_LIMITS)[0]
     assert row.value == pytest.approx(0, abs=1e-10)
     # L alpha u(T), L (T - 20) u(alpha), calibration.
     assert row.uncertainty == pytest.approx(2 * np.sqrt(0.005**2 + 0.005**2 + 0.001**2), rel=1e-12)
@@ -145,8 +145,10 @@ def test_a_warm_bar_is_brought_to_20_degrees():
 
 def test_ends_on_balls_are_centres_of_spheres():
     one = bar(octahedron(10.0, [5, 6, 7]), octahedron(10.2, [1005.01, 6, 7]))
-    assert e_uni([one], NO_LIMITS)[0].value == pytest.approx(0.01, abs=1e-10)
-    refuses("end A: expected one point, or 5 and more", e_uni, [bar(octahedron(10)[:3], [[1000, 0, 0]])], NO_LIMITS)
+    assert length_errors([one], NO_LIMITS)[0].value == pytest.approx(0.01, abs=1e-10)
+    refuses(
+        "end A: expected one point, or 5 and more", length_errors, [bar(octahedron(10)[:3], [[1000, 0, 0]])], NO_LIMITS
+    )
 
 
 def cap(n, polar_deg, radius=10.0):
@@ -183,26 +185,38 @@ def test_how_much_less_a_cap_tells_is_what_simulated_fits_scatter_by():
 
 def test_a_bar_whose_balls_were_touched_on_a_cap_is_refused():
     with pytest.raises(InputError, match="length '1000', position 1, repeat 1, end B: the points lie so close"):
-        e_uni([bar(octahedron(10), cap(5, 15) + [1000.0, 0, 0])], NO_LIMITS)
+        length_errors([bar(octahedron(10), cap(5, 15) + [1000.0, 0, 0])], NO_LIMITS)
 
 
 def test_between_faces_the_distance_is_along_the_normal_and_the_tip_goes_off():
     face = np.array([[0.0, 0, 0], [0, 10, 0], [0, 0, 10]])
     opposite = np.array([[1003.0, 5, 3], [1003.0, 2, 4]])
-    one = bar(face, opposite, tip_mm=3.0)
-    assert e_bi([one], NO_LIMITS)[0].value == pytest.approx(0, abs=1e-10)
-    refuses("one point on either face, or three and more", e_bi, [bar(face[:2], opposite[:2])], NO_LIMITS)
+    one = bar(face, opposite, tip_mm=3.0, symbol="E_Bi")
+    assert length_errors([one], NO_LIMITS)[0].value == pytest.approx(0, abs=1e-10)
+    refuses(
+        "one point on either face, or three and more",
+        length_errors,
+        [bar(face[:2], opposite[:2], symbol="E_Bi")],
+        NO_LIMITS,
+    )
     with pytest.raises(InputError, match="not across the length"):
-        e_bi([bar(np.array([[0.0, 0, 0], [5, 10, 0], [0, 0, 10]]), opposite, tip_mm=3.0)], NO_LIMITS)
+        length_errors(
+            [bar(np.array([[0.0, 0, 0], [5, 10, 0], [0, 0, 10]]), opposite, tip_mm=3.0, symbol="E_Bi")], NO_LIMITS
+        )
     along = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0]])  # a plane that contains the length: no normal along it
-    refuses("not across the length", e_bi, [bar(along, along + [1003.0, 0, 0], tip_mm=3.0)], NO_LIMITS)
+    refuses(
+        "not across the length",
+        length_errors,
+        [bar(along, along + [1003.0, 0, 0], tip_mm=3.0, symbol="E_Bi")],
+        NO_LIMITS,
+    )
 
 
 def test_both_faces_of_a_length_have_the_form_of_the_bar():
     """Each touch is off by up to half the form, uniformly: u = 0.006 / sqrt(12) mm each, sqrt(2) of that for both."""
     rough = BAR.model_copy(update={"form_mm": 0.006, "u_form_mm": 0.0012})
     one = LengthMeasurement(rough, LONG, np.zeros((1, 3)), np.array([[1000.0, 0, 0]]))
-    u = {line.label: line.u for row in e_uni([one] * 3, NO_LIMITS) for line in row.budget.contributions}
+    u = {line.label: line.u for row in length_errors([one] * 3, NO_LIMITS) for line in row.budget.contributions}
     assert u["form of the artefact"] == pytest.approx(0.006 / np.sqrt(6), rel=1e-12)
     assert u["calibration of the form"] == pytest.approx(0.0012 / np.sqrt(6), rel=1e-12)
 
@@ -213,14 +227,21 @@ ALIGNED = BAR.model_copy(update={"u_alignment_mm": np.sqrt(2.0)})  # rms distanc
 def test_single_points_on_opposite_faces_need_their_alignment():
     """Touched 2 mm beside the opposite point, 100 mm are sqrt(10004) = 100.019998 mm, less s^2 / L = 2 / 100."""
     ends = np.array([[0.0, 0, 0]]), np.array([[100.0, 2.0, 0]])
-    refuses("2 mm beside make 100 mm longer by 0.02 mm", e_bi, [LengthMeasurement(BAR, SHORT, *ends)], NO_LIMITS)
-    (row,) = e_bi([LengthMeasurement(ALIGNED, SHORT, *ends)], NO_LIMITS)
+    refuses(
+        "2 mm beside make 100 mm longer by 0.02 mm",
+        length_errors,
+        [LengthMeasurement(BAR, SHORT, *ends, symbol="E_Bi")],
+        NO_LIMITS,
+    )
+    (row,) = length_errors([LengthMeasurement(ALIGNED, SHORT, *ends, symbol="E_Bi")], NO_LIMITS)
     assert row.value == pytest.approx(-2e-6, abs=1e-7)
     assert row.budget.contributions[-1].label == "alignment of opposite points"
     assert row.budget.contributions[-1].u == pytest.approx(0.02, rel=1e-12)
     # With three points on a face there is no slant: 2 mm beside change nothing.
     face = np.array([[0.0, 5, 5], [0, -5, 5], [0, 0, -5]])
-    (plane,) = e_bi([LengthMeasurement(ALIGNED, SHORT, face, face + [100.0, 2.0, 0])], NO_LIMITS)
+    (plane,) = length_errors(
+        [LengthMeasurement(ALIGNED, SHORT, face, face + [100.0, 2.0, 0], symbol="E_Bi")], NO_LIMITS
+    )
     assert plane.value == pytest.approx(0, abs=1e-10)
     assert len(plane.budget.contributions) == len(row.budget.contributions) - 1
 
@@ -229,8 +250,8 @@ def test_the_alignment_subtracts_the_average_and_states_the_scatter(rng):
     """4000 pairs of points of a perfect arm: mean and standard deviation of the error to 5 % of s^2 / L = 0.02 mm."""
     beside = np.sqrt(2.0) * rng.standard_normal((4000, 2))
     errors = [
-        LengthMeasurement(ALIGNED, SHORT, np.zeros((1, 3)), np.array([[100.0, y, z]])).error(
-            opposite=True, corrected=False
+        LengthMeasurement(ALIGNED, SHORT, np.zeros((1, 3)), np.array([[100.0, y, z]]), symbol="E_Bi").error(
+            corrected=False
         )
         for y, z in beside
     ]
@@ -243,17 +264,17 @@ def test_a_set_measured_again_counts_instead_where_the_plan_tolerates_it():
         return [straight(1000 + error, repeat=str(i + 1)) for i, error in enumerate(errors)]
 
     spec, good = specified(E_Uni=40), (0.0, 0.0, 0.0)
-    assert e_uni(runs(0, 0.09, 0), spec)[0].verdict is Verdict.NOT_CONFORM
-    row, count = e_uni(runs(0, 0.09, 0, *good), spec, tolerated_sets=1)
+    assert length_errors(runs(0, 0.09, 0), spec)[0].verdict is Verdict.NOT_CONFORM
+    row, count = length_errors(runs(0, 0.09, 0, *good), spec, tolerated_sets=1)
     assert (row.verdict, count.value, count.where) == (Verdict.CONFORM, 1, "of 1")
     # Two values outside, or one in the second runs, or more sets than tolerated: they count.
-    assert e_uni(runs(0.09, 0.09, 0, *good), spec, tolerated_sets=1)[0].verdict is Verdict.NOT_CONFORM
-    assert e_uni(runs(0, 0.09, 0, 0, 0.09, 0), spec, tolerated_sets=1)[0].verdict is Verdict.NOT_CONFORM
-    assert e_uni(runs(0, 0.09, 0, *good), spec, tolerated_sets=0)[0].verdict is Verdict.NOT_CONFORM
+    assert length_errors(runs(0.09, 0.09, 0, *good), spec, tolerated_sets=1)[0].verdict is Verdict.NOT_CONFORM
+    assert length_errors(runs(0, 0.09, 0, 0, 0.09, 0), spec, tolerated_sets=1)[0].verdict is Verdict.NOT_CONFORM
+    assert length_errors(runs(0, 0.09, 0, *good), spec, tolerated_sets=0)[0].verdict is Verdict.NOT_CONFORM
     elsewhere = [
         LengthMeasurement(BAR, LONG, one.start, one.end, 20, 0, "2", one.repeat) for one in runs(0.09, 0, 0, *good)
     ]
-    assert e_uni(runs(0, 0.09, 0, *good) + elsewhere, spec, tolerated_sets=1)[0].verdict is Verdict.NOT_CONFORM
+    assert length_errors(runs(0, 0.09, 0, *good) + elsewhere, spec, tolerated_sets=1)[0].verdict is Verdict.NOT_CONFORM
 
 
 # ASME B89.4.22 -------------------------------------------------------------------------------------------------------

@@ -225,7 +225,7 @@ def test_errors_of_artefacts_are_drawn_within_their_certificates():
         sizes.append(SphereMeasurement(rough.spheres[0], shown["probing"][0].points).size_error(corrected=True))
         ends = [one for one in shown["uni"] if one.keys["length"] == "1700"][:2]
         long = LengthMeasurement(rough.bars[0], bar.length("1700"), ends[0].points, ends[1].points)
-        lengths.append(long.error(opposite=False, corrected=True))
+        lengths.append(long.error(corrected=True))
     # The standard deviation of 100 draws is known to 7 %.
     assert np.std(sizes) == pytest.approx(0.01, rel=0.25)
     assert np.std(lengths) == pytest.approx(long.budget(corrected=True).u, rel=0.25)

@@ -152,7 +152,7 @@ def volumetric(
     if len(lengths) < 2:
         raise InputError(f"expected two measured lengths or more, got {len(lengths)}", hint="measure more lengths")
     corrected = specification.corrected_to_20_degC
-    deviation = np.array([one.error(opposite=False, corrected=corrected) for one in lengths])
+    deviation = np.array([one.error(corrected=corrected) for one in lengths])
     budgets = [one.budget(corrected=corrected) for one in lengths]
     largest = worst_result(
         [

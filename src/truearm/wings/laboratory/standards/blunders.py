@@ -80,37 +80,30 @@ def in_seats(test: str, groups: Sequence[PointGroup]) -> Iterator[str]:
             )
 
 
-def in_lengths(
-    symbol: str,
-    pairs: Sequence[tuple[LengthMeasurement, PointGroup]],
-    errors: Sequence[float],
-    specification: Specification,
-) -> Iterator[str]:
+def in_lengths(pairs: Sequence[tuple[LengthMeasurement, PointGroup]], specification: Specification) -> Iterator[str]:
     """Report lengths with errors far beyond those of any arm.
 
     Parameters
     ----------
-    symbol : str
-        Symbol of the limit.
     pairs : sequence of (LengthMeasurement, PointGroup)
         The measured lengths, each with the points of end A.
-    errors : sequence of float
-        Measured less calibrated [mm].
     specification : Specification
     """
+    errors = [one.error(corrected=specification.corrected_to_20_degC) for one, _ in pairs]
     by_length: dict[tuple[str, str], list[int]] = {}
     for i, (one, _) in enumerate(pairs):
         by_length.setdefault((one.bar.name, one.length.name), []).append(i)
     for members in by_length.values():
-        bar, length = pairs[members[0]][0].bar, pairs[members[0]][0].length
-        limit = specification.limit(symbol, length.length_mm)
+        first = pairs[members[0]][0]
+        size = first.length.length_mm
+        limit = specification.limit(first.symbol, size)
         if limit is None or not (far := [i for i in members if abs(errors[i]) > FAR_BEYOND * limit]):
             continue
-        problem = _beyond(f"{symbol}, {length.name}", max((errors[i] for i in far), key=abs), limit)
+        problem = _beyond(f"{first.symbol}, {first.length.name}", max((errors[i] for i in far), key=abs), limit)
         if len(far) == len(members):
             yield (
-                f"{problem}, and so are all measurements of this length; check length_mm = {length.length_mm:.10g} of "
-                f"{bar.name!r}, and the names of its lengths in the points"
+                f"{problem}, and so are all measurements of this length; check length_mm = {size:.10g} of "
+                f"{first.bar.name!r}, and the names of its lengths in the points"
             )
         else:
             runs = join_names([f"{pairs[i][1].where} (line {pairs[i][1].line})" for i in far], "; ")

@@ -11,7 +11,8 @@ name, they come from the deviations against the limit, taken as two standard dev
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import chain
 from math import hypot, log1p
 
 import numpy as np
@@ -22,7 +23,7 @@ from truearm.wings.laboratory.standards import asme_b89_4_22, blunders, iso10360
 from truearm.wings.laboratory.standards.artefacts import Artefacts, CalibratedBar, CalibratedLength
 from truearm.wings.laboratory.standards.decision import ConformityResult, DecisionRule, Verdict
 from truearm.wings.laboratory.standards.measurands import LengthMeasurement
-from truearm.wings.laboratory.standards.measured_points import MeasuredPoints, PointGroup
+from truearm.wings.laboratory.standards.measured_points import PointGroup
 from truearm.wings.laboratory.standards.point_checks import SAME_PLACE_MM, PointChecks, sphere_centres, split_groups
 from truearm.wings.laboratory.standards.specification import Specification
 from truearm.wings.laboratory.standards.verification_plan import (
@@ -44,12 +45,7 @@ LIMIT_DOF = 9.0
 
 
 def exchanged_bars(
-    lengths: Sequence[LengthMeasurement],
-    artefacts: Artefacts,
-    specification: Specification,
-    symbol: str,
-    *,
-    opposite: bool,
+    lengths: Sequence[LengthMeasurement], artefacts: Artefacts, specification: Specification
 ) -> tuple[str, str, float] | None:
     """Return two bars whose exchange explains measured lengths `ODDS` times better or more, and the odds.
 
@@ -59,10 +55,6 @@ def exchanged_bars(
         Those of one test.
     artefacts : Artefacts
     specification : Specification
-    symbol : str
-        Of the limit.
-    opposite : bool
-        Whether the ends are faces touched from opposite sides.
 
     Returns
     -------
@@ -73,18 +65,16 @@ def exchanged_bars(
     for one in lengths:
         of_bar.setdefault(one.bar.name, []).append(one)
 
-    def deviations(measured: Sequence[LengthMeasurement], other: CalibratedBar) -> FloatArray | None:
-        in_limits = None if other.name in of_bar else symbol
-        return _deviations_by(other, measured, specification, in_limits, opposite=opposite)
-
     best: tuple[str, str, float] | None = None
     for name, measured in of_bar.items():
         for other in artefacts.bars:
-            if other.name == name or (by_other := deviations(measured, other)) is None:
+            theirs = of_bar.get(other.name)
+            by_other = _deviations_by(other, measured, specification, in_limits=theirs is None)
+            if other.name == name or by_other is None:
                 continue
-            if other.name in of_bar:
-                back = deviations(of_bar[other.name], measured[0].bar)
-                odds = 1.0 if back is None else _odds_of_two(by_other, back, measured[0], of_bar[other.name][0])
+            if theirs is not None:
+                back = _deviations_by(measured[0].bar, theirs, specification, in_limits=False)
+                odds = 1.0 if back is None else _odds_of_two(by_other, back, measured[0], theirs[0])
             else:
                 as_named, exchanged = by_other.mean(axis=0)
                 odds = _odds(as_named, exchanged, LIMIT_DOF)
@@ -94,26 +84,21 @@ def exchanged_bars(
 
 
 def _deviations_by(
-    other: CalibratedBar,
-    measured: Sequence[LengthMeasurement],
-    specification: Specification,
-    in_limits: str | None,
-    *,
-    opposite: bool,
+    other: CalibratedBar, measured: Sequence[LengthMeasurement], specification: Specification, *, in_limits: bool
 ) -> FloatArray | None:
     """Mean deviation at each position as named, and by another certificate (n, 2) [mm]; None: other lengths.
 
-    With the symbol of a limit, in units of half of it; None where there is none.
+    With `in_limits` in units of half the limit; None where there is none.
     """
     places: dict[str, list[tuple[float, float]]] = {}
     for one in measured:
         there = _same_nominal(one.length, other)
-        unit = 1.0 if in_limits is None else (specification.limit(in_limits, one.length.length_mm) or 0.0) / 2
-        unaligned = opposite and other.u_alignment_mm is None and one.bar.u_alignment_mm is not None
+        unit = (specification.limit(one.symbol, one.length.length_mm) or 0.0) / 2 if in_limits else 1.0
+        unaligned = one.opposite and other.u_alignment_mm is None and one.bar.u_alignment_mm is not None
         if there is None or not unit or unaligned:
             return None
         both = (one, replace(one, bar=other, length=there))
-        own, fits = (each.error(opposite=opposite, corrected=specification.corrected_to_20_degC) for each in both)
+        own, fits = (each.error(corrected=specification.corrected_to_20_degC) for each in both)
         sign = np.sign(there.length_mm - one.length.length_mm)  # lengths may differ either way
         places.setdefault(one.position, []).append((sign * own / unit, sign * fits / unit))
     return np.array([np.mean(at, axis=0) for at in places.values()])
@@ -143,190 +128,153 @@ def _odds(as_named: float, exchanged: float, dof: float) -> float:
     return float(np.exp(min((dof + 1) / 2 * (log1p(as_named**2 / dof) - log1p(exchanged**2 / dof)), 700.0)))
 
 
+@dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The evaluation of the tests of a verification.
-
-    Parameters
-    ----------
-    measured : MeasuredPoints
-    artefacts : Artefacts
-    specification : Specification
-    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
+    """The evaluation of a test of a verification.
 
     Attributes
     ----------
-    remarks : list of str
-        Suspected blunders and exchanged ends, as they are found.
+    checks : PointChecks
+        Of the test; suspected blunders and exchanged ends become remarks of it.
+    specification : Specification
+    rule : {"iso14253-1:2017", "iso14253-1:2013", "simple"}
     """
 
-    def __init__(
-        self, measured: MeasuredPoints, artefacts: Artefacts, specification: Specification, rule: DecisionRule
-    ) -> None:
-        self.measured, self.specification, self.rule = measured, specification, rule
-        self.remarks: list[str] = []
-        self._checks = PointChecks(measured, artefacts, specification.measuring_range_mm, self.remarks)
+    checks: PointChecks
+    specification: Specification
+    rule: DecisionRule
 
-    def rows_of(self, name: str, test: PlannedTest) -> list[ConformityResult]:
-        """Evaluate one test; return its test values with their verdicts."""
-        groups = self.measured.tests[name]
-        rows = self._rows_of(name, groups, test)
-        self._checks.check_in_range(name, groups)
+    def rows(self, test: PlannedTest) -> list[ConformityResult]:
+        """Evaluate the test; return its test values with their verdicts."""
+        rows, blunders_of = self._evaluate(test)
+        # Only where a value does not conform, and the points come from a file.
+        if self.checks.measured.file is not None and any(row.verdict not in (Verdict.CONFORM, None) for row in rows):
+            self.checks.remarks.extend(blunders_of)
+        self.checks.check_in_range()
         return rows
 
-    def _rows_of(self, name: str, groups: Sequence[PointGroup], test: PlannedTest) -> list[ConformityResult]:
+    def _evaluate(self, test: PlannedTest) -> tuple[list[ConformityResult], Iterable[str]]:
+        """The test values, and the blunders that are suspected: they are looked for as they are asked for."""
         if isinstance(test, Probing | EffectiveDiameter):
-            return self._sizes(name, groups, test)
+            return self._sizes(test)
         if isinstance(test, Articulation):
-            return self._articulation(name, groups, test)
+            return self._articulation(test)
         if isinstance(test, SinglePoint):
-            return self._single_point(name, groups, test)
-        if isinstance(test, LengthTest):
-            return self._lengths(name, groups, test)
-        assert isinstance(test, Volumetric)
-        return self._volumetric(name, groups, test)
+            return self._single_point(test)
+        assert isinstance(test, LengthTest | Volumetric)
+        return self._lengths(test)
 
-    def _sizes(
-        self, name: str, groups: Sequence[PointGroup], test: Probing | EffectiveDiameter
-    ) -> list[ConformityResult]:
+    def _sizes(self, test: Probing | EffectiveDiameter) -> tuple[list[ConformityResult], Iterable[str]]:
+        checks = self.checks
         key, planned = ("position", test.positions) if isinstance(test, Probing) else ("repeat", test.repeats)
-        self._checks.check_positions(name, groups, key, planned.value)
-        spheres = [self._checks.sphere(name, group, test) for group in groups]
-        self._checks.check_no_copies(name, groups)
+        checks.split(key, planned.value)
+        spheres = [checks.sphere(group, test) for group in checks.groups]
+        checks.check_no_copies()
         if isinstance(test, Probing):
-            self._checks.check_apart(name, groups, sphere_centres(spheres), spheres[0].sphere.diameter_mm)
+            checks.check_apart(checks.groups, sphere_centres(spheres), spheres[0].sphere.diameter_mm)
             size = iso10360_12.p_size(spheres, self.specification, rule=self.rule)
             rows = [size, iso10360_12.p_form(spheres, self.specification, rule=self.rule)]
         else:
             rows = [asme_b89_4_22.effective_diameter(spheres, self.specification, rule=self.rule)]
-        if self._suspect(rows):
-            self.remarks.extend(blunders.on_spheres(name, groups, spheres, rows[0]))
-        return rows
+        return rows, blunders.on_spheres(checks.name, checks.groups, spheres, rows[0])
 
-    def _articulation(self, name: str, groups: Sequence[PointGroup], test: Articulation) -> list[ConformityResult]:
-        positions = split_groups(groups, "position")
-        self._checks.check_count(name, groups[0], "positions", positions, test.positions.value)
+    def _articulation(self, test: Articulation) -> tuple[list[ConformityResult], Iterable[str]]:
+        checks = self.checks
+        positions = checks.split("position", test.positions.value)
         measured = []
         for position, members in positions.items():
-            self._checks.check_one_artefact(name, members)
             what = f"groups at position {position}"
-            self._checks.check_count(name, members[0], what, split_groups(members, "group"), test.groups.value)
-            spheres = [self._checks.sphere(name, group, test, where=f"position {position}") for group in members]
+            checks.check_count(members[0], what, split_groups(members, "group"), test.groups.value)
+            spheres = [checks.sphere(group, test, where=f"position {position}") for group in members]
             reach = spheres[0].sphere.diameter_mm
             for group, one in zip(members, spheres, strict=True):
                 away = float(((one.fit.centre - spheres[0].fit.centre) ** 2).sum() ** 0.5)
                 if away > reach:
-                    raise self.measured.error(
-                        f"test {name!r}, {group.where}: the sphere is {away:.4g} mm away from that of the first group, "
-                        f"more than its diameter",
+                    raise checks.error(
+                        f"the sphere is {away:.4g} mm away from that of the first group, more than its diameter",
                         group,
-                        hint="measure all groups of a position on one sphere that stays in place",
+                        "measure all groups of a position on one sphere that stays in place",
                     )
             measured.append(spheres)
-        self._checks.check_no_copies(name, groups)
+        checks.check_no_copies()
         firsts = [members[0] for members in positions.values()]
-        self._checks.check_apart(
-            name, firsts, sphere_centres([one[0] for one in measured]), measured[0][0].sphere.diameter_mm
-        )
+        checks.check_apart(firsts, sphere_centres([one[0] for one in measured]), measured[0][0].sphere.diameter_mm)
         rows = iso10360_12.l_dia(measured, self.specification, rule=self.rule)
-        if self._suspect(rows):
-            for members, spheres in zip(positions.values(), measured, strict=True):
-                self.remarks.extend(blunders.in_groups(name, members, spheres))
-        return rows
+        found = (blunders.in_groups(checks.name, *at) for at in zip(positions.values(), measured, strict=True))
+        return rows, chain.from_iterable(found)
 
-    def _single_point(self, name: str, groups: Sequence[PointGroup], test: SinglePoint) -> list[ConformityResult]:
-        self._checks.check_positions(name, groups, "position", test.positions.value)
+    def _single_point(self, test: SinglePoint) -> tuple[list[ConformityResult], Iterable[str]]:
+        checks, groups = self.checks, self.checks.groups
+        checks.split("position", test.positions.value)
         seats = []
         for group in groups:
-            self._checks.check_points(name, group, test.points.value)
-            self._checks.check_not_frozen(name, group)
-            seat = self._checks.artefact(self._checks.artefacts.seat, group)
+            checks.check_points(group, test.points.value)
+            checks.check_not_frozen(group)
+            seat = checks.artefact(checks.artefacts.seat, group)
             seats.append(asme_b89_4_22.SeatPoints(seat, group.points, group.where))
-        self._checks.check_no_copies(name, groups)
-        self._checks.check_apart(
-            name, groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM
-        )
-        self._checks.check_seats_spread(name, groups, test.spread_share.value)
+        checks.check_no_copies()
+        checks.check_apart(groups, np.array([[group.points.mean(axis=0)] for group in groups]), SAME_PLACE_MM)
+        checks.check_seats_spread(test.spread_share.value)
         rows = asme_b89_4_22.single_point(seats, self.specification, rule=self.rule)
-        if self._suspect(rows):
-            self.remarks.extend(blunders.in_seats(name, groups))
-        return rows
+        return rows, blunders.in_seats(checks.name, groups)
 
-    def _lengths(self, name: str, groups: Sequence[PointGroup], test: LengthTest) -> list[ConformityResult]:
-        repeats, positions = test.repeats.value, test.positions.value
-        pairs = self._checks.lengths(name, groups)
+    def _lengths(self, test: LengthTest | Volumetric) -> tuple[list[ConformityResult], Iterable[str]]:
+        checks, groups = self.checks, self.checks.groups
+        pairs = checks.lengths()
         lengths = [one for one, _ in pairs]
-        by_length = split_groups(groups, "artefact", "length")
-        self._checks.check_count(name, groups[0], "lengths", by_length, test.lengths.value)
-        for members in by_length.values():
+        by_length, positions = split_groups(groups, "artefact", "length"), test.positions.value
+        checks.check_count(groups[0], "lengths", by_length, test.lengths.value)
+        if isinstance(test, LengthTest):
+            self._check_repeats(test, by_length.values())
+        else:  # positions are planned in all
+            checks.check_count(groups[0], "measured lengths", len(pairs), positions)
+            positions //= test.lengths.value
+        checks.check_bars_apart(min(test.directions.value, positions))
+        if isinstance(test, LengthTest):
+            checks.check_bars_stay(pairs)
+        checks.check_sizes(test, lengths)
+        self._check_bars_not_exchanged(pairs)
+        if isinstance(test, LengthTest):
+            sets = {"repeats": test.repeats.value, "tolerated_sets": test.tolerated_sets.value}
+            rows = iso10360_12.length_errors(lengths, self.specification, **sets, rule=self.rule)
+        else:
+            rows = asme_b89_4_22.volumetric(lengths, self.specification, rule=self.rule)
+        return rows, blunders.in_lengths(pairs, self.specification)
+
+    def _check_repeats(self, test: LengthTest, by_length: Iterable[list[PointGroup]]) -> None:
+        """Check that each length was measured at as many positions, and there as often, as planned."""
+        repeats = test.repeats.value
+        for members in by_length:
             what = f"positions of length {members[0].keys['length']}"
             by_position = split_groups(members, "position")
-            self._checks.check_count(name, members[0], what, by_position, positions)
+            self.checks.check_count(members[0], what, by_position, test.positions.value)
             for at in by_position.values():
                 runs = sorted(int(str(repeat)) for repeat in split_groups(at, "repeat"))
                 whole = list(range(1, repeats + 1))
                 again = list(range(1, 2 * repeats + 1)) if test.tolerated_sets.value else whole
                 if runs not in (whole, again):
-                    raise self.measured.error(
-                        f"test {name!r}, length {at[0].keys['length']}, position {at[0].keys['position']}: expected "
-                        f"repeats 1 to {repeats}, got {', '.join(map(str, runs))}",
+                    raise self.checks.error(
+                        f"expected repeats 1 to {repeats}, got {', '.join(map(str, runs))}",
                         at[0],
-                        hint="measure the missing repeats, and number them 1, 2, ..",
+                        "measure the missing repeats, and number them 1, 2, ..",
+                        where=f"length {at[0].keys['length']}, position {at[0].keys['position']}",
                     )
-        self._checks.check_bars_apart(name, groups, min(test.directions.value, positions))
-        self._checks.check_bars_stay(name, pairs)
-        self._checks.check_sizes(name, test, lengths, groups[0])
-        self._check_bars_not_exchanged("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
-        evaluate = iso10360_12.e_uni if name == "uni" else iso10360_12.e_bi
-        rows = evaluate(
-            lengths, self.specification, repeats=repeats, tolerated_sets=test.tolerated_sets.value, rule=self.rule
-        )
-        if self._suspect(rows):
-            self._blunders_in_lengths("E_Uni" if name == "uni" else "E_Bi", pairs, opposite=name == "bi")
-        return rows
 
-    def _volumetric(self, name: str, groups: Sequence[PointGroup], test: Volumetric) -> list[ConformityResult]:
-        pairs = self._checks.lengths(name, groups)
-        self._checks.check_count(
-            name, groups[0], "lengths", split_groups(groups, "artefact", "length"), test.lengths.value
-        )
-        self._checks.check_count(name, groups[0], "measured lengths", len(pairs), test.positions.value)
-        each = test.positions.value // test.lengths.value  # positions are planned in all
-        self._checks.check_bars_apart(name, groups, min(test.directions.value, each))
-        self._checks.check_sizes(name, test, [one for one, _ in pairs], groups[0])
-        self._check_bars_not_exchanged("Volumetric.Max", pairs, opposite=False)
-        rows = asme_b89_4_22.volumetric([one for one, _ in pairs], self.specification, rule=self.rule)
-        if self._suspect(rows):
-            self._blunders_in_lengths("Volumetric.Max", pairs, opposite=False)
-        return rows
-
-    def _suspect(self, rows: Iterable[ConformityResult]) -> bool:
-        """Whether to look for blunders: a value does not conform, and the points come from a file."""
-        return self.measured.file is not None and any(row.verdict not in (Verdict.CONFORM, None) for row in rows)
-
-    def _check_bars_not_exchanged(
-        self, symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], *, opposite: bool
-    ) -> None:
+    def _check_bars_not_exchanged(self, pairs: Sequence[tuple[LengthMeasurement, PointGroup]]) -> None:
         """Refuse lengths that another bar of the same nominal length explains by far better."""
-        lengths, artefacts = [one for one, _ in pairs], self._checks.artefacts
-        if self.measured.file is None or len(artefacts.bars) < 2:
+        lengths, artefacts = [one for one, _ in pairs], self.checks.artefacts
+        if self.checks.measured.file is None or len(artefacts.bars) < 2:
             return
-        found = exchanged_bars(lengths, artefacts, self.specification, symbol, opposite=opposite)
+        found = exchanged_bars(lengths, artefacts, self.specification)
         if found is not None:
             named, fits, odds = found
             problem = (
-                f"{symbol}: the lengths measured on {named!r} are those of {fits!r} by the certificates: exchanged "
-                f"bars explain them better, with odds of {odds:.1g} to 1"
+                f"{lengths[0].symbol}: the lengths measured on {named!r} are those of {fits!r} by the certificates: "
+                f"exchanged bars explain them better, with odds of {odds:.1g} to 1"
             )
             first = next(group for one, group in pairs if one.bar.name == named)
             hint = (
                 "compare the serial numbers on the bars with their certificates (column artefact_serial_number), and "
                 "correct the column artefact or the calibrated lengths"
             )
-            contradict(self.measured.error(problem, first, hint=hint))
-
-    def _blunders_in_lengths(
-        self, symbol: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]], *, opposite: bool
-    ) -> None:
-        corrected = self.specification.corrected_to_20_degC
-        errors = [one.error(opposite=opposite, corrected=corrected) for one, _ in pairs]
-        self.remarks.extend(blunders.in_lengths(symbol, pairs, errors, self.specification))
+            contradict(self.checks.measured.error(problem, first, hint=hint))

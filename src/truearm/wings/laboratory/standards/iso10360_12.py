@@ -118,7 +118,7 @@ def _centre_sources(groups: Sequence[SphereMeasurement]) -> list[ErrorSource]:
     return [*form, groups[0].sphere.fixture_source((n, 3))]
 
 
-def e_uni(
+def length_errors(
     lengths: Sequence[LengthMeasurement],
     specification: Specification,
     *,
@@ -126,15 +126,18 @@ def e_uni(
     tolerated_sets: int = 0,
     rule: DecisionRule = "iso14253-1:2017",
 ) -> list[ConformityResult]:
-    """Length measurement error E_Uni: measured less calibrated length, ends touched from the same side.
+    """Length measurement errors E_Uni or E_Bi: measured less calibrated length.
 
-    Ball centre to ball centre, seat to seat, or between faces approached from the same side: the error of the stylus
-    tip cancels. Source: ISO 10360-2's structure; not confirmed that part 12 has its lengths, positions and repeats,
-    nor its tolerance of single values.
+    E_Uni has its ends touched from the same side: ball centre to ball centre, seat to seat, or between faces
+    approached from the same side; the error of the stylus tip cancels. E_Bi has faces touched from opposite sides, and
+    contains the error of the stylus tip. With three or more points on a face, its distance is that along the normal of
+    their least-squares plane; with one on each, the budget contains their alignment. Source: ISO 10360-2's structure;
+    not confirmed that part 12 has its lengths, positions and repeats, nor its tolerance of single values.
 
     Parameters
     ----------
     lengths : sequence of LengthMeasurement
+        All of one symbol.
     specification : Specification
     repeats : int
         Number of runs in a set.
@@ -149,49 +152,20 @@ def e_uni(
         One row for each length, the worst of its positions and repeats; and the number of sets measured again, if any
         is tolerated.
     """
-    return _length_errors("E_Uni", False, lengths, specification, repeats, tolerated_sets, rule)
-
-
-def e_bi(
-    lengths: Sequence[LengthMeasurement],
-    specification: Specification,
-    *,
-    repeats: int = 3,
-    tolerated_sets: int = 0,
-    rule: DecisionRule = "iso14253-1:2017",
-) -> list[ConformityResult]:
-    """Length measurement error E_Bi: measured less calibrated length, faces touched from opposite sides.
-
-    It contains the error of the stylus tip. With three or more points on a face, the distance is that along the normal
-    of their least-squares plane; with one on each, the budget contains their alignment. Arguments, sources and
-    unconfirmed numbers as for `e_uni`.
-    """
-    return _length_errors("E_Bi", True, lengths, specification, repeats, tolerated_sets, rule)
-
-
-def _length_errors(
-    symbol: str,
-    opposite: bool,
-    lengths: Sequence[LengthMeasurement],
-    specification: Specification,
-    repeats: int,
-    tolerated_sets: int,
-    rule: DecisionRule,
-) -> list[ConformityResult]:
     corrected = specification.corrected_to_20_degC
 
     def row(one: LengthMeasurement) -> ConformityResult:
         return assess_conformity(
-            f"{symbol}, {one.length.name}",
-            one.error(opposite=opposite, corrected=corrected),
-            one.budget(corrected=corrected, opposite=opposite),
-            specification.limit(symbol, one.length.length_mm),
+            f"{one.symbol}, {one.length.name}",
+            one.error(corrected=corrected),
+            one.budget(corrected=corrected),
+            specification.limit(one.symbol, one.length.length_mm),
             rule=rule,
             where=one.where,
         )
 
     sets: dict[tuple[str, ...], list[ConformityResult]] = {}
-    for one in sorted(lengths, key=_run):
+    for one in sorted(lengths, key=lambda one: int(one.repeat) if one.repeat.isdecimal() else 0):
         sets.setdefault((one.bar.name, one.length.name, one.position), []).append(row(one))
     again = 0
     counted: dict[tuple[str, ...], list[ConformityResult]] = {}
@@ -205,12 +179,6 @@ def _length_errors(
         measured.setdefault(key[:2], []).extend(rows)  # with the sets that were measured again and do not count
     results = [replace(worst_result(rows), individual=tuple(measured[key])) for key, rows in counted.items()]
     if tolerated_sets:
-        results.append(
-            ConformityResult(f"{symbol}, sets measured again", again, "", Budget(), None, None, f"of {len(sets)}")
-        )
+        label = f"{lengths[0].symbol}, sets measured again"
+        results.append(ConformityResult(label, again, "", Budget(), None, None, f"of {len(sets)}"))
     return results
-
-
-def _run(one: LengthMeasurement) -> int:
-    """The number of its run; 0 where it has none."""
-    return int(one.repeat) if one.repeat.isdecimal() else 0

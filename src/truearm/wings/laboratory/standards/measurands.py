@@ -252,6 +252,9 @@ class LengthMeasurement:
         As for `SphereMeasurement`; it matters between opposite faces only.
     position, repeat : str
         The position of the bar and the run.
+    symbol : str
+        Of the limit of its error. E_Bi is that of faces touched from opposite sides; the others are of balls, seats,
+        or faces touched from the same side.
     """
 
     bar: CalibratedBar
@@ -262,20 +265,21 @@ class LengthMeasurement:
     tip_mm: float = 0.0
     position: str = ""
     repeat: str = ""
+    symbol: str = "E_Uni"
 
     @property
     def where(self) -> str:
         """The position and the run, as text."""
         return f"position {self.position}" + (f", repeat {self.repeat}" if self.repeat else "")
 
-    def distance_mm(self, *, opposite: bool) -> float:
-        """Return the distance between the ends at the bar's temperature [mm].
+    @property
+    def opposite(self) -> bool:
+        """Whether the ends are faces touched from opposite sides."""
+        return self.symbol == "E_Bi"
 
-        Parameters
-        ----------
-        opposite : bool
-            Whether the ends are faces touched from opposite sides, or balls and seats (or faces touched from the same
-            side).
+    @cached_property
+    def distance_mm(self) -> float:
+        """The distance between the ends at the bar's temperature [mm].
 
         Raises
         ------
@@ -283,7 +287,7 @@ class LengthMeasurement:
             If the number of points of an end does not determine it, or they lie too close together on the ball, or not
             across the length.
         """
-        if opposite:
+        if self.opposite:
             return self._between_faces() - self.tip_mm
         centres = []
         for points, name in ((self.start, "A"), (self.end, "B")):
@@ -336,19 +340,17 @@ class LengthMeasurement:
         """By how much single points on opposite faces lie too far apart on average, and its uncertainty [mm]."""
         return (self.bar.u_alignment_mm or 0.0) ** 2 / self.length.length_mm
 
-    def error(self, *, opposite: bool, corrected: bool) -> float:
+    def error(self, *, corrected: bool) -> float:
         """Return measured less calibrated length [mm]; `corrected` to 20 degC or at its temperature."""
-        measured = self.distance_mm(opposite=opposite)
-        return (self.bar.at_reference(measured, self.degC) if corrected else measured) - self.length.length_mm
+        measured = self.bar.at_reference(self.distance_mm, self.degC) if corrected else self.distance_mm
+        return measured - self.length.length_mm
 
-    def budget(self, *, corrected: bool, opposite: bool = False) -> Budget:
+    def budget(self, *, corrected: bool) -> Budget:
         """Return the uncertainty budget of `error`."""
-        return linear_budget(np.ones(1), length_sources([self], corrected=corrected, opposite=opposite))
+        return linear_budget(np.ones(1), length_sources([self], corrected=corrected))
 
 
-def length_sources(
-    lengths: Sequence[LengthMeasurement], *, corrected: bool, opposite: bool = False
-) -> list[ErrorSource]:
+def length_sources(lengths: Sequence[LengthMeasurement], *, corrected: bool) -> list[ErrorSource]:
     """Return what artefacts and set-up do to the errors of n measured lengths.
 
     The calibration of a length is common to all its readings; temperature and expansion to all readings of a bar.
@@ -369,7 +371,7 @@ def length_sources(
     for name, bar in bars.items():
         each = [*bar.form_sources(sizes.shape, ends=2), bar.fixture_source(sizes.shape)]
         sources.append([replace(one, effects=one.effects * of_bar[name]) for one in each])
-    single = np.array([opposite and len(one.start) == len(one.end) == 1 for one in lengths])
+    single = np.array([one.opposite and len(one.start) == len(one.end) == 1 for one in lengths])
     if single.any():
         beside = np.array([one.alignment_mm for one in lengths]) * single
         sources.append([in_each("alignment of opposite points", beside, sizes.shape)])

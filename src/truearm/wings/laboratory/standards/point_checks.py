@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import takewhile
 from math import isnan
 from typing import TypeVar
@@ -44,6 +44,8 @@ from truearm.wings.laboratory.standards.verification_plan import (
 
 A = TypeVar("A", bound=Artefact)
 
+# Of the limit of a length's error, by the test.
+LENGTH_SYMBOLS = {"uni": "E_Uni", "bi": "E_Bi", "volumetric": "Volumetric.Max"}
 # A size or length that differs from the calibrated one by more than this share belongs to another artefact or unit.
 SAME_SHARE = 0.05
 # Two positions of a seat, or of both ends of a bar, that are nearer than this are the same [mm]: chosen here.
@@ -60,28 +62,40 @@ MOVED_MM = 50.0
 
 @dataclass(frozen=True, eq=False)
 class PointChecks:
-    """The measured groups as measurands of the standards, with every check on the way.
+    """The measured groups of a test as measurands of the standards, with every check on the way.
 
     Points that come from no file are calculated by a program: they are not checked for copies.
     """
 
+    name: str
     measured: MeasuredPoints
     artefacts: Artefacts
     measuring_range_mm: float
-    remarks: list[str] = field(default_factory=list)
+    remarks: list[str]
+
+    @property
+    def groups(self) -> tuple[PointGroup, ...]:
+        """The measured groups of the test."""
+        return self.measured.tests[self.name]
+
+    def error(self, problem: str, group: PointGroup, hint: str | None, *, where: str | None = None) -> InputError:
+        """Return an error of a group of the test, that says where: by default the group's place, "" says none."""
+        places = (f"test {self.name!r}", group.where if where is None else where)
+        return self.measured.error(f"{', '.join(filter(None, places))}: {problem}", group, hint=hint)
 
     def sphere(
-        self, name: str, group: PointGroup, test: Probing | Articulation | EffectiveDiameter, where: str = ""
+        self, group: PointGroup, test: Probing | Articulation | EffectiveDiameter, where: str = ""
     ) -> SphereMeasurement:
         """Return a measured sphere; refuse another number of points than planned, and points of another sphere."""
-        self.check_points(name, group, test.points.value)
+        self.check_points(group, test.points.value)
         sphere = self.artefact(self.artefacts.sphere, group)
         if not test.smallest_sphere_mm.value <= sphere.diameter_mm <= test.largest_sphere_mm.value:
-            raise self.measured.error(
-                f"test {name!r}: the plan asks for a sphere of {test.smallest_sphere_mm.value:g} to "
+            raise self.error(
+                f"the plan asks for a sphere of {test.smallest_sphere_mm.value:g} to "
                 f"{test.largest_sphere_mm.value:g} mm, {sphere.name!r} has {sphere.diameter_mm:g} mm",
                 group,
-                hint="use another sphere, or correct the plan by your copy of the standard",
+                "use another sphere, or correct the plan by your copy of the standard",
+                where="",
             )
         degC = 20.0 if isnan(group.degC) else group.degC  # a position needs no temperature
         measured = SphereMeasurement(sphere, group.points, degC, group.tip_mm, where or group.where)
@@ -91,33 +105,29 @@ class PointChecks:
             if test.pattern.value == EVEN:
                 check_pattern(group.points, measured.fit.centre, test.points.value)
         except InputError as error:
-            raise self.measured.error(
-                f"test {name!r}, {group.where}: {error.problem}", group, hint=error.hint
-            ) from None
-        self._check_plausible(name, group, diameter, sphere.diameter_mm)
+            raise self.error(error.problem, group, error.hint) from None
+        self._check_plausible(group, diameter, sphere.diameter_mm)
         return measured
 
-    def lengths(self, name: str, groups: Sequence[PointGroup]) -> list[tuple[LengthMeasurement, PointGroup]]:
+    def lengths(self) -> list[tuple[LengthMeasurement, PointGroup]]:
         """Return the measured lengths, each with the group of its end A."""
         pairs = []
-        for members in split_groups(groups, "artefact", *(key for key in KEY_COLUMNS[name] if key != "end")).values():
+        keys = [key for key in KEY_COLUMNS[self.name] if key != "end"]
+        for members in split_groups(self.groups, "artefact", *keys).values():
             ends = {group.keys["end"]: group for group in members}
             if len(ends) != 2:
                 missing = "B" if "A" in ends else "A"
-                raise self.measured.error(
-                    f"test {name!r}, {members[0].where}: end {missing} is missing",
-                    members[0],
-                    hint=f"measure end {missing}, and check the column end",
-                )
+                hint = f"measure end {missing}, and check the column end"
+                raise self.error(f"end {missing} is missing", members[0], hint)
             start, end = ends["A"], ends["B"]
             bar = self.artefact(self.artefacts.bar, start)
             self.artefact(self.artefacts.bar, end)  # its own date counts
             if abs(start.degC - end.degC) > MAX_TEMPERATURE_SPREAD_K:
-                raise self.measured.error(
-                    f"test {name!r}, {start.where}: end A was at {start.degC:g} degC, end B at {end.degC:g} degC: "
-                    f"the length has no definite temperature",
+                raise self.error(
+                    f"end A was at {start.degC:g} degC, end B at {end.degC:g} degC: the length has no definite "
+                    "temperature",
                     end,
-                    hint="measure the length again when the temperature of the artefact is stable",
+                    "measure the length again when the temperature of the artefact is stable",
                 )
             try:
                 one = LengthMeasurement(
@@ -129,52 +139,47 @@ class PointChecks:
                     start.tip_mm,
                     start.keys["position"],
                     start.keys.get("repeat", ""),
+                    LENGTH_SYMBOLS[self.name],
                 )
-                distance = one.distance_mm(opposite=name == "bi")
+                distance = one.distance_mm
             except InputError as error:
-                raise self.measured.error(f"test {name!r}: {error.problem}", start, hint=error.hint) from None
+                raise self.error(error.problem, start, error.hint, where="") from None
             if start.tip_mm != end.tip_mm:
-                raise self.measured.error(
-                    f"test {name!r}, {start.where}: the ends have different tip diameters",
-                    end,
-                    hint="measure both ends with one tip, or correct tip_diameter_mm",
-                )
-            self._check_plausible(name, start, distance, one.length.length_mm)
+                hint = "measure both ends with one tip, or correct tip_diameter_mm"
+                raise self.error("the ends have different tip diameters", end, hint)
+            self._check_plausible(start, distance, one.length.length_mm)
             pairs.append((one, start))
-        self.check_no_copies(name, groups)
+        self.check_no_copies()
         return pairs
 
-    def check_sizes(
-        self, name: str, test: LengthTest | Volumetric, lengths: Sequence[LengthMeasurement], group: PointGroup
-    ) -> None:
+    def check_sizes(self, test: LengthTest | Volumetric, lengths: Sequence[LengthMeasurement]) -> None:
         """Check that the sizes of the lengths are the planned shares of the measuring range."""
         sizes = {(one.bar.name, one.length.name): one.length.length_mm for one in lengths}
-        if fault := length_fault(name, test, list(sizes.values()), self.measuring_range_mm):
-            raise self.measured.error(fault[0], group, hint=fault[1])
+        if fault := length_fault(self.name, test, list(sizes.values()), self.measuring_range_mm):
+            raise self.measured.error(fault[0], self.groups[0], hint=fault[1])
 
-    def check_in_range(self, name: str, groups: Sequence[PointGroup]) -> None:
+    def check_in_range(self) -> None:
         """Check that the places of a test fit into the measuring range: an arm does not reach farther."""
-        places = np.array([group.points.mean(axis=0) for group in groups])
+        places = np.array([group.points.mean(axis=0) for group in self.groups])
         most = RANGE_MARGIN * self.measuring_range_mm
         if np.linalg.norm(np.ptp(places, axis=0)) <= most:  # the diagonal of the box around them
             return
-        for group, place in zip(groups, places, strict=True):
+        for group, place in zip(self.groups, places, strict=True):
             away = np.linalg.norm(places - place, axis=1)
             if away.max() > most:
-                other = groups[int(away.argmax())]
-                contradict(
-                    self.measured.error(
-                        f"test {name!r}, {' and '.join(dict.fromkeys((group.where, other.where)))}: points that are "
-                        f"{away.max():.5g} mm apart, more than the measuring range of {self.measuring_range_mm:g} mm",
-                        group,
-                        hint=f"correct measuring_range_mm of the specification: {MEASURING_RANGE}",
-                    )
+                other = self.groups[int(away.argmax())]
+                problem = (
+                    f"points that are {away.max():.5g} mm apart, more than the measuring range of "
+                    f"{self.measuring_range_mm:g} mm"
                 )
+                hint = f"correct measuring_range_mm of the specification: {MEASURING_RANGE}"
+                both = " and ".join(dict.fromkeys((group.where, other.where)))
+                contradict(self.error(problem, group, hint, where=both))
                 return
 
-    def check_bars_apart(self, name: str, groups: Sequence[PointGroup], directions: int) -> None:
+    def check_bars_apart(self, directions: int) -> None:
         """Check that each position of a length is a different one, and that its directions are as many as planned."""
-        for members in split_groups(groups, "artefact", "length").values():
+        for members in split_groups(self.groups, "artefact", "length").values():
             positions = list(split_groups(members, "position").values())
             places = np.array(
                 [
@@ -182,31 +187,33 @@ class PointChecks:
                     for at in positions
                 ]
             )
-            self.check_apart(name, [at[0] for at in positions], places, SAME_PLACE_MM)
+            self.check_apart([at[0] for at in positions], places, SAME_PLACE_MM)
             along = places[:, 1] - places[:, 0]
             if (n := _count_directions(along)) < directions:
-                raise self.measured.error(
-                    f"test {name!r}, length {members[0].keys['length']}: the plan asks for {directions} directions "
-                    f"of the bar, {ANOTHER_DIRECTION_DEG:g} deg apart or more; its {len(positions)} positions had {n}",
+                raise self.error(
+                    f"the plan asks for {directions} directions of the bar, {ANOTHER_DIRECTION_DEG:g} deg apart or "
+                    f"more; its {len(positions)} positions had {n}",
                     members[0],
-                    hint="place the bar along, across, upright and obliquely, or correct directions in the plan by "
-                    "your copy of the standard",
+                    "place the bar along, across, upright and obliquely, or correct directions in the plan by your "
+                    "copy of the standard",
+                    where=f"length {members[0].keys['length']}",
                 )
 
-    def check_seats_spread(self, name: str, groups: Sequence[PointGroup], share: float) -> None:
+    def check_seats_spread(self, share: float) -> None:
         """Check that the seats are spread over the planned share of the measuring range."""
-        at = np.array([group.points.mean(axis=0) for group in groups])
+        at = np.array([group.points.mean(axis=0) for group in self.groups])
         spread, needed = float(np.linalg.norm(at[:, None] - at, axis=2).max()), share * self.measuring_range_mm
         if len(at) > 1 and spread < needed:
-            raise self.measured.error(
-                f"test {name!r}: the farthest two positions are {spread:.4g} mm apart, the plan asks for {needed:.4g} "
-                f"mm or more, {share:.0%} of the measuring range",
-                groups[0],
-                hint="measure near, in the middle and far in the reach, or correct spread_share in the plan by your "
-                "copy of the standard",
+            raise self.error(
+                f"the farthest two positions are {spread:.4g} mm apart, the plan asks for {needed:.4g} mm or more, "
+                f"{share:.0%} of the measuring range",
+                self.groups[0],
+                "measure near, in the middle and far in the reach, or correct spread_share in the plan by your copy of "
+                "the standard",
+                where="",
             )
 
-    def check_bars_stay(self, name: str, pairs: Sequence[tuple[LengthMeasurement, PointGroup]]) -> None:
+    def check_bars_stay(self, pairs: Sequence[tuple[LengthMeasurement, PointGroup]]) -> None:
         """Check that a length does not move between runs; remark runs with exchanged ends."""
         if self.measured.file is None:
             return
@@ -217,43 +224,35 @@ class PointChecks:
             first = firsts.setdefault((one.bar.name, one.length.name, one.position), ends)
             away, away_turned = (float(np.linalg.norm(some - first, axis=1).max()) for some in (ends, ends[::-1]))
             if min(away, away_turned) > MOVED_MM:
-                raise self.measured.error(
-                    f"test {name!r}, {group.where}: an end is {away:.4g} mm away from its place in the first run",
-                    group,
-                    hint="keep the bar in place for all runs of a position; check the position, and x, y and z",
-                )
+                hint = "keep the bar in place for all runs of a position; check the position, and x, y and z"
+                raise self.error(f"an end is {away:.4g} mm away from its place in the first run", group, hint)
             if away > MOVED_MM:
                 turned.append(group.where)
         if turned:
             self.remarks.append(
-                f"test {name!r}: ends A and B are exchanged compared with the first run, without effect on the length: "
-                f"{join_names(turned, '; ')}"
+                f"test {self.name!r}: ends A and B are exchanged compared with the first run, without effect on the "
+                f"length: {join_names(turned, '; ')}"
             )
 
-    def check_no_copies(self, name: str, groups: Sequence[PointGroup]) -> None:
+    def check_no_copies(self) -> None:
         """Check that no measurement is a copy of another one, moved or not, nor one of another test."""
         if self.measured.file is None:
             return
-        found = find_copy(groups)
+        groups, found = self.groups, find_copy(self.groups)
         if found is None and "end" not in groups[0].keys and (repeated := find_repeated(groups)) is not None:
             group, said, certain = repeated  # lengths may share an end
             if certain:
                 found = group, said
             else:
-                self.remarks.append(f"test {name!r}: {said}; measure it again if it is a copy")
-        for other in takewhile(lambda one: one != name, self.measured.tests):
+                self.remarks.append(f"test {self.name!r}: {said}; measure it again if it is a copy")
+        for other in takewhile(lambda one: one != self.name, self.measured.tests):
             if found is None and (found := find_shared(groups, self.measured.tests[other])) is not None:
                 found = found[0], f"{found[1]} of test {other!r}"
         if found is not None:
-            contradict(
-                self.measured.error(
-                    f"test {name!r}: {found[1]}: a copy",
-                    found[0],
-                    hint="measure it again; if the coordinates are rounded, write them with more digits",
-                )
-            )
+            hint = "measure it again; if the coordinates are rounded, write them with more digits"
+            contradict(self.error(f"{found[1]}: a copy", found[0], hint, where=""))
 
-    def check_not_frozen(self, name: str, group: PointGroup) -> None:
+    def check_not_frozen(self, group: PointGroup) -> None:
         """Check that most points in a seat are not the same point.
 
         Rounded coordinates repeat by chance: of ten points with a noise of 10 um, written to 0.01 mm, at most two are
@@ -265,14 +264,14 @@ class PointChecks:
         if 2 * counts.max() > len(group.points):
             same = (which == counts.argmax()).ravel()
             first, *rest = (f"line {line}" for line, one in zip(group.lines, same, strict=True) if one)
-            raise self.measured.error(
-                f"test {name!r}, {group.where}: the point of {first} is repeated in {join_names(rest)}, to the last "
-                "digit: copies, or a program that sent an old point again",
+            raise self.error(
+                f"the point of {first} is repeated in {join_names(rest)}, to the last digit: copies, or a program that "
+                "sent an old point again",
                 group,
-                hint="measure the position again; if the coordinates are rounded, write them with more digits",
+                "measure the position again; if the coordinates are rounded, write them with more digits",
             )
 
-    def check_apart(self, name: str, groups: Sequence[PointGroup], places: FloatArray, nearest_mm: float) -> None:
+    def check_apart(self, groups: Sequence[PointGroup], places: FloatArray, nearest_mm: float) -> None:
         """Check that positions differ: at least one of the k points of each, (n, k, 3), by `nearest_mm`."""
         for i in range(1, len(places)):
             away = [
@@ -282,12 +281,8 @@ class PointChecks:
             near = int(apart.argmin())
             if apart[near] < nearest_mm:
                 one, other = groups[near], groups[i]
-                raise self.measured.error(
-                    f"test {name!r}: {one.where} and {other.where} are {apart[near]:.2g} mm apart: one position, not "
-                    "two",
-                    other,
-                    hint="move the artefact between positions",
-                )
+                problem = f"{one.where} and {other.where} are {apart[near]:.2g} mm apart: one position, not two"
+                raise self.error(problem, other, "move the artefact between positions", where="")
 
     def artefact(self, look_up: Callable[[str], A], group: PointGroup) -> A:
         """Look an artefact up; check its serial number, and that its certificate was valid on the group's date."""
@@ -319,42 +314,34 @@ class PointChecks:
             )
         return artefact
 
-    def _check_plausible(self, name: str, group: PointGroup, measured: float, calibrated: float) -> None:
+    def _check_plausible(self, group: PointGroup, measured: float, calibrated: float) -> None:
         if abs(measured - calibrated) <= SAME_SHARE * calibrated:
             return
         hint = "check the artefact's name, and whether points are compensated or need tip_diameter_mm"
         for unit, factor in (("inches", 25.4), ("centimetres", 10.0), ("metres", 1000.0)):
             if abs(measured * factor - calibrated) <= SAME_SHARE * calibrated:
                 hint = f"convert the points to mm: they seem to be in {unit}"
-        raise self.measured.error(
-            f"test {name!r}, {group.where}: measured {measured:.5g} mm, the calibrated value of {group.artefact!r} is "
-            f"{calibrated:.5g} mm",
-            group,
-            hint=hint,
-        )
+        problem = f"measured {measured:.5g} mm, the calibrated value of {group.artefact!r} is {calibrated:.5g} mm"
+        raise self.error(problem, group, hint)
 
-    def check_points(self, name: str, group: PointGroup, planned: int) -> None:
+    def check_points(self, group: PointGroup, planned: int) -> None:
         """Check the number of points of a group."""
-        self.check_count(name, group, f"points at {group.where}", len(group.points), planned)
+        self.check_count(group, f"points at {group.where}", len(group.points), planned)
 
-    def check_positions(self, name: str, groups: Sequence[PointGroup], key: str, planned: int) -> None:
-        """Check that there are as many positions or repeats as planned, each on one artefact."""
-        self.check_count(name, groups[0], f"{key}s", split_groups(groups, key), planned)
-        for members in split_groups(groups, key).values():
-            self.check_one_artefact(name, members)
-
-    def check_one_artefact(self, name: str, members: Sequence[PointGroup]) -> None:
-        """Check that all groups were measured on the same artefact."""
-        for group in members:
-            if group.artefact != members[0].artefact:
-                raise self.measured.error(
-                    f"test {name!r}, {group.where}: points on {members[0].artefact!r} and on {group.artefact!r}",
-                    group,
-                    hint="measure one artefact at a position; check the column artefact",
-                )
+    def split(self, key: str, planned: int) -> dict[str | tuple[str, ...], list[PointGroup]]:
+        """Return the groups of each position or repeat; check their number, and that each is on one artefact."""
+        by_key = split_groups(self.groups, key)
+        self.check_count(self.groups[0], f"{key}s", by_key, planned)
+        for members in by_key.values():
+            for group in members:
+                if group.artefact != members[0].artefact:
+                    problem = f"points on {members[0].artefact!r} and on {group.artefact!r}"
+                    hint = "measure one artefact at a position; check the column artefact"
+                    raise self.error(problem, group, hint)
+        return by_key
 
     def check_count(
-        self, name: str, group: PointGroup, what: str, counted: int | Collection[str | tuple[str, ...]], planned: int
+        self, group: PointGroup, what: str, counted: int | Collection[str | tuple[str, ...]], planned: int
     ) -> None:
         """Check a number, or the number of names; a message lists them."""
         n = counted if isinstance(counted, int) else len(counted)
@@ -362,11 +349,12 @@ class PointChecks:
             return
         names = [] if isinstance(counted, int) else [one if isinstance(one, str) else " ".join(one) for one in counted]
         hint = "measure those that are missing" if n < planned else "remove those that are too many"
-        raise self.measured.error(
-            f"test {name!r}: the plan asks for {planned} {what}, got {n}"
+        raise self.error(
+            f"the plan asks for {planned} {what}, got {n}"
             + (f": {join_names([quoted_cell(one) for one in names])}" if names else ""),
             group,
-            hint=f"{hint}, or change the plan (truearm verify plan) if your contract says so",
+            f"{hint}, or change the plan (truearm verify plan) if your contract says so",
+            where="",
         )
 
 

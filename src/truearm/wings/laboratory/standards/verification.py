@@ -29,6 +29,7 @@ from truearm.wings.laboratory.standards.decision import (
 )
 from truearm.wings.laboratory.standards.evaluation import Evaluation
 from truearm.wings.laboratory.standards.measured_points import MeasuredPoints, PointGroup
+from truearm.wings.laboratory.standards.point_checks import PointChecks
 from truearm.wings.laboratory.standards.specification import (
     SYMBOLS,
     ConditionResult,
@@ -212,12 +213,13 @@ def verify(
             )
     _check_one_campaign(measured)
     rule = rule or plan.decision_rule.value
-    evaluation = Evaluation(measured, artefacts, specification, rule)
     rows: list[ConformityResult] = []
+    found: list[str] = []
     remarks = [one.removesuffix(".") for one in measured.accepted]
     for name, test in plan.tests.items():
         if name in measured.tests:
-            rows += _rated(evaluation.rows_of(name, test), measured.tests[name], specification)
+            checks = PointChecks(name, measured, artefacts, specification.measuring_range_mm, found)
+            rows += _rated(Evaluation(checks, specification, rule).rows(test), checks.groups, specification)
         elif test.required:
             raise measured.error(
                 f"the points of test {name!r} are missing",
@@ -230,7 +232,7 @@ def verify(
     rated = specification.rated_conditions
     remarks = [
         *_temperature_remarks(measured),
-        *evaluation.remarks,
+        *found,
         *_condition_remarks(rated, compare_conditions(rated, _groups(measured))),
         *remarks,
     ]
