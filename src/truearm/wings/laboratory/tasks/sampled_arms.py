@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Protocol
+from functools import cached_property, wraps
+from typing import Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -35,7 +35,9 @@ _SESSION, _POSTERIOR = 3, 4
 _WAVES = 64
 # Displacements of tips up to this are calculated to first order.
 LINEAR_MM = 0.3
-_KEPT = 64  # sets of poses in the cache
+_KEPT = 400  # results at sets of poses
+
+_Of = TypeVar("_Of")
 
 
 class ArmSample(Protocol):
@@ -59,21 +61,20 @@ class ArmDistribution(Protocol):
         """Draw one of them; the same seed gives the same arm."""
 
 
-class _PoseCache:
-    """Results at poses, kept for the other arms of a task, which share its few sets of poses."""
+def _kept_by_pose(method: Callable[[_Of, FloatArray], FloatArray]) -> Callable[[_Of, FloatArray], FloatArray]:
+    """Keep results of a method at angles (n, n_joints) for the other arms of a task, which share its sets of poses."""
 
-    def __init__(self) -> None:
-        self._kept: dict[bytes, dict[str, FloatArray]] = {}
+    @wraps(method)
+    def kept(of: _Of, angles: FloatArray) -> FloatArray:
+        results = vars(of).setdefault("_kept", {})
+        key = method.__name__, angles.tobytes()
+        if key not in results:
+            if len(results) >= _KEPT:
+                results.clear()
+            results[key] = method(of, angles)
+        return cast(FloatArray, results[key])
 
-    def get(self, name: str, angles: FloatArray, compute: Callable[[], FloatArray]) -> FloatArray:
-        """The result of this name at angles (n, n_joints), computed at the first call."""
-        poses = angles.tobytes()
-        if poses not in self._kept and len(self._kept) >= _KEPT:
-            self._kept.clear()
-        results = self._kept.setdefault(poses, {})
-        if name not in results:
-            results[name] = compute()
-        return results[name]
+    return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,18 +112,11 @@ class PresetDistribution:
         temperature = self.preset.temperature_degC + self.preset.temperature_swing_K * swing
         return PresetSample(self, virtual, float(temperature), rng.uniform(0, 2 * np.pi, self.arm.n_joints))
 
+    @_kept_by_pose
     def values(self, angles: FloatArray) -> FloatArray:
         """Values of the basis functions of all arms at angles (n, n_joints), as `SystematicErrors.in_session` needs."""
-
-        def compute() -> FloatArray:
-            state = virtual_state(self.arm, self.preset, angles, link_temperature_degC=REFERENCE_DEGC + 1)
-            return error_model(self.arm, self.preset).perturbed_chain.values(state)
-
-        return self._cache.get("values", angles, compute)
-
-    @cached_property
-    def _cache(self) -> _PoseCache:
-        return _PoseCache()
+        state = virtual_state(self.arm, self.preset, angles, link_temperature_degC=REFERENCE_DEGC + 1)
+        return error_model(self.arm, self.preset).perturbed_chain.values(state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,26 +294,20 @@ class PosteriorDistribution:
             direction = np.random.default_rng(0).choice([-1.0, 1.0], angles.shape)
         return self.identified.state(Session(angles, directions=direction))
 
+    @_kept_by_pose
     def hysteresis(self, angles: FloatArray) -> FloatArray:
         """(n_joints, n, 3) errors at poses (n, n_joints) by the unknown direction of each joint [mm]."""
+        return self.identified.fit_.direction_effects(self.state(angles)) @ self.R_base_reference.T
 
-        def compute() -> FloatArray:
-            return self.identified.fit_.direction_effects(self.state(angles)) @ self.R_base_reference.T
-
-        return self._cache.get("hysteresis", angles, compute)
-
+    @_kept_by_pose
     def directions(self, angles: FloatArray) -> FloatArray:
         """(n, n_joints) direction in which each joint reaches poses (n, n_joints), by the smallest move of all."""
-
-        def compute() -> FloatArray:
-            chain, along = self.arm.chain, self.approach
-            if along is None:
-                tips = chain.tip_in_base(angles)
-                along = tips - tips.mean(axis=0)
-            moves = np.linalg.pinv((JointProcess(chain).radians[:, None] * self.own_motions(angles)).transpose(0, 2, 1))
-            return np.asarray(np.sign((moves @ along[:, :, None])[:, :, 0]))
-
-        return self._cache.get("directions", angles, compute)
+        chain, along = self.arm.chain, self.approach
+        if along is None:
+            tips = chain.tip_in_base(angles)
+            along = tips - tips.mean(axis=0)
+        moves = np.linalg.pinv((JointProcess(chain).radians[:, None] * self.own_motions(angles)).transpose(0, 2, 1))
+        return np.asarray(np.sign((moves @ along[:, :, None])[:, :, 0]))
 
     @property
     def uncorrected_hysteresis(self) -> FloatArray:
@@ -327,9 +315,10 @@ class PosteriorDistribution:
         known = self.identified.hysteresis_
         return known if known.size else np.zeros((2, self.arm.n_joints))
 
+    @_kept_by_pose
     def own_motions(self, angles: FloatArray) -> FloatArray:
         """(n, n_joints, 3) displacement by each joint along its own coordinate at poses [mm/rad or mm/mm]."""
-        return self._cache.get("own motions", angles, lambda: JointProcess(self.arm.chain).own_motions(angles))
+        return JointProcess(self.arm.chain).own_motions(angles)
 
     def scatter_std(self, angles: FloatArray) -> FloatArray:
         """(n, 1) standard deviation of the random error of a coordinate at poses (n, n_joints) [mm].
@@ -347,27 +336,21 @@ class PosteriorDistribution:
         shares: FloatArray = np.sqrt(self.identified.variance_function_.share(angles))[:, None]
         return shares
 
+    @_kept_by_pose
     def displacements(self, angles: FloatArray) -> FloatArray:
         """(n, n_joints + 3, 3) displacements of `JointProcess`, times the residual standard deviation at poses."""
+        return (
+            self.field_std_mm
+            * self.relative_std(angles)[:, :, None]
+            * JointProcess(self.arm.chain).unit_displacements(angles)
+        )
 
-        def compute() -> FloatArray:
-            return (
-                self.field_std_mm
-                * self.relative_std(angles)[:, :, None]
-                * JointProcess(self.arm.chain).unit_displacements(angles)
-            )
-
-        return self._cache.get("movements", angles, compute)
-
+    @_kept_by_pose
     def unspanned(self, angles: FloatArray) -> FloatArray:
         """(k, n, 3) displacements by what each process does between and beyond its inducing points [mm]."""
-
-        def compute() -> FloatArray:
-            return self.birge_ratio * (
-                self.identified.fit_.unspanned_displacements(self.state(angles)) @ self.R_base_reference.T
-            )
-
-        return self._cache.get("unspanned", angles, compute)
+        return self.birge_ratio * (
+            self.identified.fit_.unspanned_displacements(self.state(angles)) @ self.R_base_reference.T
+        )
 
     def tip_shift(self, angles: FloatArray, shift: FloatArray) -> FloatArray:
         """Tips (n, 3) with the identified coefficients minus those with coefficients shifted by `shift` [mm].
@@ -383,19 +366,12 @@ class PosteriorDistribution:
         state = self.state(angles)
         return fit.tips(state) - fit.perturbed_chain.tips(state, fit.coefficients + shift)
 
+    @_kept_by_pose
     def _derivatives(self, angles: FloatArray) -> FloatArray:
         """(n_coefficients, 3, n) derivatives of tips."""
-
-        def compute() -> FloatArray:
-            fit = self.identified.fit_
-            pieces = fit.perturbed_chain.derivatives(self.state(angles), fit.coefficients)
-            return np.concatenate([columns for _, _, columns in pieces], axis=2)
-
-        return self._cache.get("derivatives", angles, compute)
-
-    @cached_property
-    def _cache(self) -> _PoseCache:
-        return _PoseCache()
+        fit = self.identified.fit_
+        pieces = fit.perturbed_chain.derivatives(self.state(angles), fit.coefficients)
+        return np.concatenate([columns for _, _, columns in pieces], axis=2)
 
     @cached_property
     def R_base_reference(self) -> FloatArray:

@@ -38,8 +38,9 @@ import numpy as np
 from truearm.arm import Arm
 from truearm.errors import InputError
 from truearm.typing import FloatArray, IntArray
-from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_sphere
+from truearm.wings.laboratory.shapes.minimum_zone import circumscribed_diameters
 from truearm.wings.laboratory.standards.artefacts import Artefacts
+from truearm.wings.laboratory.standards.asme_b89_4_22 import DEVIATION_STATISTICS, SEAT_STATISTICS
 from truearm.wings.laboratory.standards.layout import Placement, lay_out_tests
 from truearm.wings.laboratory.standards.positions import ZONES
 from truearm.wings.laboratory.standards.specification import SYMBOLS, Specification
@@ -61,6 +62,7 @@ from truearm.wings.planning.virtual.presets import SHOP, Preset
 
 # From errors (n, 3) [mm] in the poses of the tests to results over their limits, by symbol.
 Judge = Callable[[FloatArray], dict[str, float]]
+LENGTHS = ("E_Uni", "E_Bi")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,66 +84,36 @@ class FirstOrderResults:
         results: dict[str, float] = {}
         for judge in self._judges:
             results |= judge(errors)
-        return {symbol: results[symbol] for symbol in self.specification.limits}
+        # Lengths are over their limits already, each over its own.
+        limits = {
+            symbol: None if symbol in LENGTHS else self.specification.limit(symbol)
+            for symbol in self.specification.limits
+        }
+        return {symbol: results[symbol] / (limit or 1.0) for symbol, limit in limits.items()}
 
     @cached_property
     def _judges(self) -> list[Judge]:
         """One per test."""
-        starts = np.concatenate([[0], np.cumsum([len(one.points) for one in self.placements])])
         by_test: dict[str, list[tuple[Placement, slice]]] = defaultdict(list)
-        for i, one in enumerate(self.placements):
-            by_test[one.test].append((one, slice(int(starts[i]), int(starts[i + 1]))))
-        makers: dict[str, Callable[[list[tuple[Placement, slice]]], Judge]] = {
-            "probing": self._probing,
-            "effective_diameter": self._effective_diameter,
-            "articulation": self._articulation,
+        start = 0
+        for one in self.placements:
+            by_test[one.test].append((one, slice(start, start := start + len(one.points))))
+        makers = {
+            "probing": _probing,
+            "effective_diameter": _effective_diameter,
+            "articulation": _articulation,
             "uni": self._lengths,
-            "single_point": self._single_point,
-            "volumetric": self._volumetric,
+            "single_point": _single_point,
+            "volumetric": _volumetric,
         }
         return [makers[test](placed) for test, placed in by_test.items()]
 
-    def _over(self, symbol: str, value: float) -> float:
-        limit = self.specification.limit(symbol)
-        return np.inf if limit is None else value / limit
-
-    def _over_limits(self, values: dict[str, float]) -> dict[str, float]:
-        """Values that have a limit, over their limit."""
-        return {s: self._over(s, value) for s, value in values.items() if s in self.specification.limits}
-
-    def _probing(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        spheres = [(_SphereErrors.of(one), rows) for one, rows in placed]
-
-        def judge(errors: FloatArray) -> dict[str, float]:
-            size = max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)
-            form = max(sphere.form(errors[rows]) for sphere, rows in spheres)
-            return self._over_limits({"P_Size.Sph.1x25": size, "P_Form.Sph.1x25": form})
-
-        return judge
-
-    def _effective_diameter(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        spheres = [(_SphereErrors.of(one), rows) for one, rows in placed]
-        return lambda errors: self._over_limits(
-            {"EffectiveDiameter": max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)}
-        )
-
-    def _articulation(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        at: dict[str, list[tuple[_SphereErrors, slice]]] = defaultdict(list)
-        for one, rows in placed:
-            at[one.keys["position"]].append((_SphereErrors.of(one), rows))
-
-        def judge(errors: FloatArray) -> dict[str, float]:
-            centres = [np.stack([sphere.centre(errors[rows]) for sphere, rows in groups]) for groups in at.values()]
-            return {"L_Dia.5x5": self._over("L_Dia.5x5", max(2 * circumscribed_sphere(c).radius_mm for c in centres))}
-
-        return judge
-
     def _lengths(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        bars = _Bars.of(placed)
+        bars, stated = _Bars.of(placed), self.specification
         limits = {
-            symbol: np.array([self.specification.limit(symbol, length) for length in bars.lengths_mm], dtype=float)
-            for symbol in ("E_Uni", "E_Bi")
-            if symbol in self.specification.limits
+            symbol: np.array([stated.limit(symbol, length) for length in bars.lengths_mm], dtype=float)
+            for symbol in LENGTHS
+            if symbol in stated.limits
         }
 
         def judge(errors: FloatArray) -> dict[str, float]:
@@ -150,33 +122,48 @@ class FirstOrderResults:
 
         return judge
 
-    def _single_point(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        def judge(errors: FloatArray) -> dict[str, float]:
-            away = [errors[rows] - errors[rows].mean(axis=0) for _, rows in placed]
-            squares = [(off**2).sum(axis=1) for off in away]
-            return self._over_limits(
-                {
-                    "SPAT.Max": max(float(np.sqrt(s.max())) for s in squares),
-                    "SPAT.2s": max(2 * float(np.sqrt(s.sum() / (len(s) - 1))) for s in squares),
-                }
-            )
 
-        return judge
+def _probing(placed: list[tuple[Placement, slice]]) -> Judge:
+    spheres = [(_SphereErrors.of(one), rows) for one, rows in placed]
+    return lambda errors: {
+        "P_Size.Sph.1x25": max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres),
+        "P_Form.Sph.1x25": max(sphere.form(errors[rows]) for sphere, rows in spheres),
+    }
 
-    def _volumetric(self, placed: list[tuple[Placement, slice]]) -> Judge:
-        bars = _Bars.of(placed)
 
-        def judge(errors: FloatArray) -> dict[str, float]:
-            off = bars.deviations(errors)
-            return self._over_limits(
-                {
-                    "Volumetric.Max": float(np.abs(off).max()),
-                    "Volumetric.2s": 2 * float(off.std(ddof=1)),
-                    "Volumetric.2RMS": 2 * float(np.sqrt((off**2).mean())),
-                }
-            )
+def _effective_diameter(placed: list[tuple[Placement, slice]]) -> Judge:
+    spheres = [(_SphereErrors.of(one), rows) for one, rows in placed]
+    return lambda errors: {"EffectiveDiameter": max(2 * abs(sphere.radius(errors[rows])) for sphere, rows in spheres)}
 
-        return judge
+
+def _articulation(placed: list[tuple[Placement, slice]]) -> Judge:
+    at: dict[str, list[tuple[_SphereErrors, slice]]] = defaultdict(list)
+    for one, rows in placed:
+        at[one.keys["position"]].append((_SphereErrors.of(one), rows))
+
+    def judge(errors: FloatArray) -> dict[str, float]:
+        centres = np.array([[sphere.centre(errors[rows]) for sphere, rows in groups] for groups in at.values()])
+        return {"L_Dia.5x5": float(circumscribed_diameters(centres).max())}
+
+    return judge
+
+
+def _single_point(placed: list[tuple[Placement, slice]]) -> Judge:
+    return lambda errors: {
+        symbol: max(float(statistic(errors[rows])) for _, rows in placed)
+        for symbol, statistic in SEAT_STATISTICS.items()
+    }
+
+
+def _volumetric(placed: list[tuple[Placement, slice]]) -> Judge:
+    bars = _Bars.of(placed)
+
+    def judge(errors: FloatArray) -> dict[str, float]:
+        off = bars.deviations(errors)
+        others = {symbol: float(statistic(off)) for symbol, statistic in DEVIATION_STATISTICS.items()}
+        return {"Volumetric.Max": float(np.abs(off).max()), **others}
+
+    return judge
 
 
 @dataclass(frozen=True, eq=False)
