@@ -8,13 +8,13 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from functools import cache, wraps
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, get_origin, get_type_hints
 
 import typer
 from typer import Argument, Option
@@ -209,6 +209,27 @@ def executor_of(context: typer.Context, session: Path, workers: int | None, sche
     rule = "applies to large sessions only: folders of session files, and files beyond 512 MB"
     refuse_typed(context, ("workers", "scheduler"), rule)
     return None
+
+
+def with_shared(command: Callable[..., None]) -> Callable[..., None]:
+    """Return the command with the options of a dataclass in place of its parameter that is one.
+
+    Commands share options by such a class: each attribute is one, with its help.
+    """
+    parameters = signature(command, eval_str=True).parameters.values()
+    (shared,) = (one for one in parameters if is_dataclass(one.annotation))
+    kinds = get_type_hints(shared.annotation, include_extras=True)
+    group = [one.replace(annotation=kinds[name]) for name, one in signature(shared.annotation).parameters.items()]
+
+    @wraps(command)
+    def with_options(**given: Any) -> None:
+        of_group = {one.name: given.pop(one.name) for one in group}
+        command(**{shared.name: shared.annotation(**of_group)}, **given)
+
+    listed = [each for one in parameters for each in (group if one is shared else [one])]
+    by_name = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in listed]
+    with_options.__signature__ = Signature(by_name)  # type: ignore[attr-defined]
+    return with_options
 
 
 @dataclass(frozen=True)

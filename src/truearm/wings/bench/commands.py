@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import wraps
-from inspect import Parameter, Signature, signature
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 from typer import Context, Option
@@ -104,24 +102,9 @@ class SharedOptions:
         return Recording(**stated, rule=rule, samples_hz=samples_hz)
 
 
-def takes_readings(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with the options of its first parameter, a `SharedOptions`, in place of it."""
-    first, *own = signature(command, eval_str=True).parameters.values()
-    described = get_type_hints(first.annotation, include_extras=True)
-    shared = [one.replace(annotation=described[name]) for name, one in signature(first.annotation).parameters.items()]
-
-    @wraps(command)
-    def with_options(**stated: Any) -> None:
-        command(first.annotation(**{one.name: stated.pop(one.name) for one in shared}), **stated)
-
-    by_name = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in (*shared, *own)]
-    with_options.__signature__ = Signature(by_name)  # type: ignore[attr-defined]
-    return with_options
-
-
-@takes_readings
+@options.with_shared
 def record(
-    options: SharedOptions,
+    given: SharedOptions,
     samples: Annotated[float, Option(min=0, max=1000, help="With --headless: angles so often a second, too.")] = 0.0,
     headless: Annotated[
         bool, Option("--headless", help="Print events as JSON lines, and read commands from standard input.")
@@ -139,7 +122,7 @@ def record(
     """
     from truearm.wings.bench.recording.record_readings import follow
 
-    recording = options.recording(samples if headless else 0.0)
+    recording = given.recording(samples if headless else 0.0)
     if headless:
         for event in follow(recording, _lines(recording)):
             print_line(json.dumps(event.to_dict(), allow_nan=False))
@@ -188,7 +171,7 @@ class LiveOptions(SharedOptions):
     out: Annotated[Path, Option(help=OUT_HELP, show_default=False)] = Path()
 
 
-@takes_readings
+@options.with_shared
 def live(
     given: LiveOptions,
     context: Context,

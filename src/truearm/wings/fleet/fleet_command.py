@@ -6,28 +6,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Context, Exit, Option, Typer
 
-from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs import options
 from truearm.verbs.console import print_line, print_record, progress
 from truearm.verbs.outputs import check_new_output
-from truearm.wings.laboratory.verbs.commands import (
-    CheckedSession,
-    ReasonOption,
-    RetiredOption,
-    WithdrawOption,
-    needed_reason,
-    needed_session,
-    print_check,
-    print_withdrawal,
-)
+from truearm.wings.laboratory.verbs.commands import CheckOptions
 from truearm.wings.laboratory.verbs.verify_command import Trusted
 
 if TYPE_CHECKING:
     from truearm.wings.fleet.fleet import Fleet
+    from truearm.wings.laboratory.verbs.check import WithdrawalResult
 
 Folder = Annotated[Path, Argument(metavar="FOLDER", help="Folder of the fleet.")]
 Verify = Annotated[
@@ -151,20 +142,12 @@ def add_certificate(
 
 
 @fleet.command()
+@options.with_shared
 def check(
     context: Context,
     folder: Folder,
     serial_number: Annotated[str, Argument(metavar="SERIAL", help="Serial number of the arm.")],
-    session: CheckedSession = None,
-    lengths: options.LengthsFile = None,
-    retired: RetiredOption = None,
-    mpe: options.MpeFile = None,
-    date: options.Date = None,
-    page: options.Page = None,
-    withdrawn: WithdrawOption = None,
-    reason: ReasonOption = None,
-    accept: options.AcceptOption = None,
-    as_json: options.Json = False,
+    given: CheckOptions,
 ) -> None:
     """Check whether an arm is still as its model in force.
 
@@ -173,19 +156,13 @@ def check(
     """
     from truearm.wings.laboratory.verbs.check import withdraw_check
 
-    if withdrawn is not None:
-        stated = needed_reason(context, reason)
-        check_page_path(page)
-        with opened(folder) as found:
-            model, history = found.model(serial_number), found.history(serial_number)
-            print_withdrawal(withdraw_check(model, history, withdrawn, reason=stated), page, as_json=as_json)
-        return
-    file = needed_session(context, session, "truearm fleet check FOLDER SERIAL SESSION")
-    check_page_path(page, file, lengths, mpe)
-    given: dict[str, Any] = {"lengths": lengths, "specification": mpe, "retired": retired or ()}
     with opened(folder) as found:
-        checked = partial(found.check, serial_number, file, **given, date=date, accept=accept)
-        print_check(checked, file, page, as_json=as_json)
+
+        def withdraw(which: str, *, reason: str) -> WithdrawalResult:
+            return withdraw_check(found.model(serial_number), found.history(serial_number), which, reason=reason)
+
+        usage = "truearm fleet check FOLDER SERIAL SESSION"
+        given.run(context, usage, partial(found.check, serial_number), withdraw)
 
 
 @fleet.command()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +16,6 @@ from truearm.errors import InputError
 from truearm.pages.drawings.page_record import check_page_path
 from truearm.verbs import options
 from truearm.verbs.console import print_json, print_record, print_status, progress
-from truearm.verbs.outputs import check_output_is_not_input
 from truearm.wings.laboratory import FeatureKind
 from truearm.wings.laboratory.verbs.verify_command import MeasuredPoints, RuleOption, TestPlan, Trusted
 
@@ -133,32 +134,70 @@ def measure(
     print_record(result, as_json=as_json)
 
 
-CheckedSession = Annotated[
-    Path | None, Argument(metavar="SESSION", help="Session file, .csv or .parquet; none with --withdraw.")
-]
-RetiredOption = Annotated[
-    list[str] | None, Option(help="Artefact that was repaired or replaced, and is no longer assessed.")
-]
-WithdrawOption = Annotated[
-    str | None, Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history.")
-]
-ReasonOption = Annotated[str | None, Option(help="With --withdraw: what was wrong with it.")]
+@dataclass(frozen=True)
+class CheckOptions:
+    """The options of a check, in a file of history or in a fleet's registry: each attribute is one, with its help."""
+
+    session: Annotated[
+        Path | None, Argument(metavar="SESSION", help="Session file, .csv or .parquet; none with --withdraw.")
+    ] = None
+    lengths: options.LengthsFile = None
+    retired: Annotated[
+        list[str] | None, Option(help="Artefact that was repaired or replaced, and is no longer assessed.")
+    ] = None
+    mpe: options.MpeFile = None
+    date: options.Date = None
+    page: options.Page = None
+    withdrawn: Annotated[
+        str | None, Option("--withdraw", metavar="NUMBER|DATE", help="Withdraw a wrong check; it stays in the history.")
+    ] = None
+    reason: Annotated[str | None, Option(help="With --withdraw: what was wrong with it.")] = None
+    accept: options.AcceptOption = None
+    as_json: options.Json = False
+
+    def run(
+        self,
+        context: typer.Context,
+        usage: str,
+        check: Callable[..., CheckResult],
+        withdraw: Callable[..., WithdrawalResult],
+        *files: Path,
+    ) -> None:
+        """Make a check, or withdraw one; write its page, print it, and exit with what it says."""
+        from truearm.wings.laboratory.monitor.assessment import RecalibrationAdvice
+
+        result: CheckResult | WithdrawalResult
+        if self.withdrawn is not None:
+            of_check = ("session", "lengths", "retired", "mpe", "date", "accept")
+            options.refuse_typed(context, of_check, "does not apply to --withdraw")
+            if self.reason is None:
+                raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
+            check_page_path(self.page, *files)
+            result = withdraw(self.withdrawn, reason=self.reason)
+            page = None if result.assessment is None else self.page
+            if page is not None:
+                result.save_page(page)
+            print_record(result, as_json=self.as_json, files={"page": page})
+            return
+        options.refuse_typed(context, ["reason"], "applies to --withdraw only")
+        if self.session is None:
+            raise InputError("the session is missing", hint=usage)
+        check_page_path(self.page, *files, self.session, self.lengths, self.mpe)
+        given = {"lengths": self.lengths, "specification": self.mpe, "retired": self.retired or ()}
+        with progress(f"checking {self.session.name}"):
+            result = check(self.session, **given, date=self.date, accept=self.accept)
+            if self.page is not None:
+                result.save_page(self.page)
+        print_record(result, as_json=self.as_json, files={"page": self.page})
+        raise typer.Exit({RecalibrationAdvice.NO: 0, RecalibrationAdvice.YES: 1}.get(result.recalibrate, 3))
 
 
+@options.with_shared
 def check(
     context: typer.Context,
     model: options.ModelFile,
     history: Annotated[Path, Option(help="File of the checks so far, .sqlite; the first check creates it.")],
-    session: CheckedSession = None,
-    lengths: options.LengthsFile = None,
-    retired: RetiredOption = None,
-    mpe: options.MpeFile = None,
-    date: options.Date = None,
-    page: options.Page = None,
-    withdrawn: WithdrawOption = None,
-    reason: ReasonOption = None,
-    accept: options.AcceptOption = None,
-    as_json: options.Json = False,
+    given: CheckOptions,
 ) -> None:
     """Check whether the arm is still as it was identified.
 
@@ -175,54 +214,11 @@ def check(
     from truearm.wings.laboratory.verbs.check import check as checked
     from truearm.wings.laboratory.verbs.check import withdraw_check
 
-    if withdrawn is not None:
-        stated = needed_reason(context, reason)
-        check_page_path(page, model, history)
-        print_withdrawal(withdraw_check(model, history, withdrawn, reason=stated), page, as_json=as_json)
-        return
-    file = needed_session(context, session, "truearm check MODEL SESSION --history HISTORY")
-    files = (model, file, lengths, mpe)
-    check_output_is_not_input(history, *files)
-    check_page_path(page, *files, history)
-    given: dict[str, Any] = {"lengths": lengths, "specification": mpe, "retired": retired or ()}
-    print_check(lambda: checked(model, file, history, **given, date=date, accept=accept), file, page, as_json=as_json)
+    def of_session(session: Path, **others: Any) -> CheckResult:
+        return checked(model, session, history, **others)
 
-
-def needed_reason(context: typer.Context, reason: str | None) -> str:
-    """The reason of a withdrawal, with which no option of a check is given."""
-    options.refuse_typed(
-        context, ("session", "lengths", "retired", "mpe", "date", "accept"), "does not apply to --withdraw"
-    )
-    if reason is None:
-        raise InputError("--withdraw needs --reason as well", hint='--reason "the ball was dirty"')
-    return reason
-
-
-def needed_session(context: typer.Context, session: Path | None, hint: str) -> Path:
-    """The session of a check, with which no option of a withdrawal is given."""
-    options.refuse_typed(context, ["reason"], "applies to --withdraw only")
-    if session is None:
-        raise InputError("the session is missing", hint=hint)
-    return session
-
-
-def print_check(checked: Callable[[], CheckResult], session: Path, page: Path | None, *, as_json: bool) -> None:
-    """Make a check, write its page, print it, and exit with what it says."""
-    from truearm.wings.laboratory.monitor.assessment import RecalibrationAdvice
-
-    with progress(f"checking {session.name}"):
-        result = checked()
-        if page is not None:
-            result.save_page(page)
-    print_record(result, as_json=as_json, files={"page": page})
-    raise typer.Exit({RecalibrationAdvice.NO: 0, RecalibrationAdvice.YES: 1}.get(result.recalibrate, 3))
-
-
-def print_withdrawal(result: WithdrawalResult, page: Path | None, *, as_json: bool) -> None:
-    """Print a withdrawal, and write its page."""
-    if page is not None and result.assessment is not None:
-        result.save_page(page)
-    print_record(result, as_json=as_json, files={"page": None if result.assessment is None else page})
+    usage = "truearm check MODEL SESSION --history HISTORY"
+    given.run(context, usage, of_session, partial(withdraw_check, model, history), model, history)
 
 
 # Options that a certificate needs.
