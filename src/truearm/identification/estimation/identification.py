@@ -37,10 +37,6 @@ from truearm.typing import FloatArray, IntArray
 MOST_ROUNDS = 40
 # Readings of a sample: so many at least, and so many a coefficient.
 LEAST_SAMPLE, SAMPLE_PER_COEFFICIENT = 1000, 8
-# The last linearisation is used at the final parameters if no place turned or moved by more since, and if tips have the
-# same uncertainty to this share, at so many readings.
-NEAR_RAD, NEAR_MM = 1e-5, 1e-2
-SAME_UNCERTAINTY, SAMPLE_OF_TIPS = 1e-3, 30
 # A start that knows a smaller share of the coefficients saves fewer rounds than such a sample.
 LEAST_KNOWN = 0.5
 # A sample with a larger share of the readings costs more than the rounds that it saves.
@@ -332,52 +328,22 @@ def _result(
 
 @one_blas_thread()
 def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> tuple[FloatArray, FloatArray | None]:
-    """Posterior covariance of the parameters at `x`, by the last linearisation where it still holds there.
+    """Posterior covariance of the parameters at `x`, and of points alone the step to the minimum of the linearisation.
 
-    Else noise and weights are those of the residuals there too, and the step to the minimum of points is known.
+    It is the last one, if that was there.
     """
 
     def posterior(reduced: SchurComplement) -> Posterior | LowRankPosterior:
         equations = grouped_equations(reduced, x, rounds.n_residuals)
         return equations.posterior(prior.subset(reduced.kept))
 
-    if _is_near(rounds, x):
-        covariance = posterior(rounds.reduced).covariance
-        if _has_same_uncertainty(rounds, x, covariance):
-            return covariance, None
-    rounds.weigh()
-    reduced = eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x)
+    reduced = rounds.reduced
+    if not np.array_equal(x, rounds.linearised_at):
+        rounds.weigh()
+        reduced = eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x)
     found = posterior(reduced)
     of_points = all(reference.kind == "point" for reference in rounds.problem.references)
-    return found.covariance, found.x - x if of_points else None
-
-
-def _is_near(rounds: Rounds, x: FloatArray) -> bool:
-    """Whether the last linearisation may hold at `x`, whose places turned and moved by next to nothing since.
-
-    If the readings leave a motion of decimetres open, even the last step changes the derivatives along it. Only points
-    are considered: derivatives by the unknowns of other references change as well.
-    """
-    problem, step = rounds.problem, x - rounds.linearised_at if len(x) == len(rounds.linearised_at) else None
-    if step is None or any(reference.kind != "point" for reference in problem.references):
-        return False
-    chain, state = problem.perturbed_chain, _sample_of_tips(problem)
-    motions = np.abs(chain.motions(step, chain.values(state)))
-    return bool(motions[:, :3].max() < NEAR_RAD and motions[:, 3:].max() < NEAR_MM)
-
-
-def _has_same_uncertainty(rounds: Rounds, x: FloatArray, covariance: FloatArray) -> bool:
-    """Whether tips have the same uncertainty by the derivatives at `x` and by those of the last linearisation."""
-    chain, state, variances = rounds.problem.perturbed_chain, _sample_of_tips(rounds.problem), []
-    for point in (rounds.linearised_at, x):
-        _, _, columns = next(chain.derivatives(state, point))
-        flat = columns.reshape(len(columns), 3 * len(state))
-        variances.append((flat * (covariance @ flat)).sum(axis=0))
-    return bool((np.abs(variances[1] - variances[0]) <= 2 * SAME_UNCERTAINTY * variances[0]).all())
-
-
-def _sample_of_tips(problem: SmallMotionProblem) -> ArmState:
-    return problem.state.rows(select_evenly(np.arange(len(problem.state)), SAMPLE_OF_TIPS))
+    return found.covariance, found.x - x if of_points and len(x) else None
 
 
 def reference_fits(

@@ -36,9 +36,10 @@ from truearm.solve.least_squares_problem import KnownStep, StepHalving
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import BoolArray, FloatArray, IntArray
 
-# The last step moves tips by a smaller share of their uncertainty, or the next would by such a one: root mean squares,
-# of which that of a single reading is some ten times at most. The noise is calm when it changes by less.
-SETTLED_STEP, SETTLED_NEXT = 0.05, 0.005
+# A step that would move tips by a smaller share of their uncertainty is not taken, so that residuals, weights and
+# derivatives are those of one place: a root mean square, of which that of a single reading is some ten times at most.
+SETTLED_STEP = 0.05
+# The noise is calm when it changes by less.
 CALM_NOISE, SAME_NOISE = 0.05, 1e-4
 LEAST_NOISE = 1e-30
 # Steps that lead back are shortened unless each is this much smaller than the one before.
@@ -182,12 +183,18 @@ class Rounds:
         if x[~self.prior.active].any():
             x = np.where(self.prior.active, x, 0.0)
             self.residuals = problem.residuals(x)
-        step, before = reduced.step(found.posterior.x - x[reduced.kept]), self._moved_by
-        moved_by = self._take(step, whole.times(step), x, reduced.n_determined, found.posterior)
+        step = reduced.step(found.posterior.x - x[reduced.kept])
+        along = whole.times(step)
+        # Rounding may make a tiny product negative.
+        n_effective = max(float(self.effective.sum()) + reduced.n_determined, 1.0)
+        moved_by = float(np.sqrt(max(float(step @ along), 0.0) / n_effective))
+        self.converged = bool(is_exact and self.calm >= 2 and moved_by < SETTLED_STEP)
+        if self.converged:
+            self.x = x
+        else:
+            self._take(step, along, x, moved_by, found.posterior)
         with one_blas_thread():
             self._per_reference = _effective_numbers(reduced, parts, found)
-        is_small = moved_by < SETTLED_STEP or (before > 0 and moved_by**2 / before < SETTLED_NEXT)
-        self.converged = bool(is_exact and self.calm >= 2 and is_small)
         if self.calm >= 2:  # groups were pruned
             self.some = None
         if not self.converged:
@@ -210,16 +217,14 @@ class Rounds:
         step: FloatArray,
         along: FloatArray,
         x: FloatArray,
-        n_determined: float,
+        moved_by: float,
         posterior: Posterior | LowRankPosterior,
-    ) -> float:
+    ) -> None:
         """Take a step, shorter where steps turn back and do not shrink, and bent where residuals do.
 
-        Returns its full size as a share of the parameters' uncertainty. `along` is the Gauss-Newton matrix times the
-        step.
+        `along` is the Gauss-Newton matrix times the step, and `moved_by` its size as a share of the parameters'
+        uncertainty.
         """
-        # Rounding may make a tiny product negative.
-        moved_by = float(np.sqrt(max(float(step @ along), 0.0) / max(float(self.effective.sum()) + n_determined, 1.0)))
         back = float(along @ self._step) < 0 and moved_by > SHRINKING * self._moved_by
         self._share = max(self._share / 2, 0.1) if self.calm >= 2 and back else min(1.5 * self._share, 1.0)
         self._step, self._moved_by = step, moved_by
@@ -234,7 +239,6 @@ class Rounds:
             residuals = self.problem.residuals(there)
             if cost(there, residuals) < after:
                 self.x, self.residuals = there, residuals
-        return moved_by
 
     def _in_valley(self, x: FloatArray, here: list[FloatArray], step: FloatArray, posterior: Posterior) -> FloatArray:
         """The point to which `step_in_valley` leads; of points alone, else that of the whole step."""
