@@ -131,10 +131,12 @@ class SmallMotionProblem:
         """
         found = []
         for i, linear in enumerate(self.linearised(x, residuals)):
-            pieces = (np.arange(rows.start, rows.stop) for rows in even_chunks(linear.residuals.shape[1]))
-            of_pieces = [
-                self.perturbed_chain.along(step, *self.site_derivatives(i, rows, linear, x)) for rows in pieces
-            ]
+            of_pieces = []
+            for piece in even_chunks(linear.residuals.shape[1]):
+                state = self.state.rows(self.references[i].rows[piece])
+                values = self._values(i, piece, state)
+                along_sites = self._site_derivatives(state, of_readings(linear, piece), values, x)
+                of_pieces.append(self.perturbed_chain.along(step, along_sites, values))
             found.append(np.concatenate(of_pieces, axis=1))
         return found
 
@@ -161,9 +163,14 @@ class SmallMotionProblem:
         """
         state = self.state.rows(self.references[which].rows[rows])
         values = self.perturbed_chain.values(state)
+        return self._site_derivatives(state, of_readings(linear, rows), values, x), values
+
+    def _site_derivatives(
+        self, state: ArmState, linear: LinearisedResiduals, values: FloatArray, x: FloatArray
+    ) -> FloatArray:
         motions = self.perturbed_chain.motions(x, values)
         motion_jacobian = moved_chain(self.perturbed_chain.chain, state, motions)[1]
-        return self._along_sites(of_readings(linear, rows), motions, motion_jacobian), values
+        return self._along_sites(linear, motions, motion_jacobian)
 
     def sums_of(
         self, members: Sequence[tuple[int, IntArray]], linear: Sequence[LinearisedResiduals], x: FloatArray
@@ -354,7 +361,7 @@ def even_chunks(n: int) -> list[slice]:
     return chunks(n, max(math.ceil(n / n_chunks), 1))
 
 
-def of_readings(linear: LinearisedResiduals, rows: IntArray) -> LinearisedResiduals:
+def of_readings(linear: LinearisedResiduals, rows: IntArray | slice) -> LinearisedResiduals:
     """The residuals of some readings."""
     return LinearisedResiduals(
         linear.residuals[:, rows],

@@ -29,6 +29,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from itertools import chain, compress, pairwise
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import eigh
@@ -108,7 +109,7 @@ def cross_validate_by_group(
     """
     kinds = compared_kinds(fit.references) if kinds is None else kinds
     with one_blas_thread():
-        minimum = _Minimum.of(fit, state, references, kinds)
+        minimum = _minimum_of(fit, state, references, kinds)
         if len(fit.references) == 1 and not minimum.slope.size and 1 < len(np.unique(group)) == len(group):
             found = list(minimum.without_each(group))
         else:
@@ -129,13 +130,13 @@ def cross_validate_regions(
     All readings of a region are held out; `most` of them at most, evenly selected, are predicted.
     """
     kinds = IN_SPACE if any(part.kind in IN_SPACE for part in fit.references) else IN_LENGTH
-    if not any(part.kind in kinds for part in fit.references):
+    if not regions or not any(part.kind in kinds for part in fit.references):
         return [NONE_HELD_OUT for _ in regions]
     found = []
     with one_blas_thread():
-        minimum = _Minimum.of(fit, state, references, kinds).spread_once() if regions else None
+        minimum = _minimum_of(fit, state, references, kinds)
+        _MINIMA.pop(fit)  # regions come last
         for region in regions:
-            assert minimum is not None
             own = minimum.judging(region, most)
             rows = [np.flatnonzero(region[part.rows]) for part in fit.references]
             which = np.repeat(np.arange(len(rows)), [len(some) for some in rows])
@@ -144,6 +145,16 @@ def cross_validate_regions(
             parts = list(own.without(batch, np.zeros(len(region), dtype=np.intp))) if len(row) else []
             found.append(_together(parts))
     return found
+
+
+def _minimum_of(
+    fit: IdentificationResult, state: ArmState, references: Sequence[Reference], kinds: Sequence[str]
+) -> _Minimum:
+    """The linearisation at the minimum, once for groups and regions."""
+    given = state, tuple(references), tuple(kinds)
+    if fit not in _MINIMA or _MINIMA[fit][0] != given:
+        _MINIMA[fit] = given, _Minimum.of(fit, state, references, kinds)
+    return _MINIMA[fit][1]
 
 
 def _together(parts: Sequence[HeldOutReadings]) -> HeldOutReadings:
@@ -275,7 +286,8 @@ class _Minimum:
     """The linearisation at the minimum.
 
     With the root F of the coefficients' covariance, ``F^T F``; unknowns move by minus `slope` (u, p) times them.
-    `of_slope` (r, u) is ``F @ slope^T``. `spreads` are those of all readings, by the number of the reference.
+    `of_slope` (r, u) is ``F @ slope^T``. Where readings are few, `spreads` are the coefficients' parts of the root of S
+    of all readings, for the references that were asked for.
     """
 
     problem: SmallMotionProblem
@@ -340,14 +352,6 @@ class _Minimum:
     def is_long(self) -> bool:
         """Whether there are too many residuals to keep the root of S of all."""
         return sum(part.residuals.size for part in self.parts) > MOST_SPREAD * self.root.n_rows
-
-    def spread_once(self) -> _Minimum:
-        """The same with the root of S of all readings, where these are few: for groups that overlap."""
-        if self.is_long:
-            return self
-        return replace(
-            self, spreads={i: self._spread(i, np.arange(len(p.residuals))) for i, p in enumerate(self.parts)}
-        )
 
     def judging(self, region: BoolArray, most: int) -> _Minimum:
         """The same, where of the readings of a region (n,) no more than `most` are judged, evenly selected."""
@@ -430,8 +434,10 @@ class _Minimum:
 
     def _spread(self, which: int, rows: IntArray) -> FloatArray:
         """(m k, r) the coefficients' part of the root of S, of some readings of a reference."""
-        part = self.parts[which]
-        if which in self.spreads:
+        part, every = self.parts[which], np.arange(len(self.parts[which].residuals))
+        if not self.is_long and len(rows) < len(every):  # groups and regions ask for each again
+            if which not in self.spreads:
+                self.spreads[which] = self._spread(which, every)
             return self.spreads[which][_residuals_of(rows, part)]
         by_root = self.root.times(*self.problem.site_derivatives(which, rows, part.linear, self.x))
         spread = by_root.transpose(2, 1, 0).reshape(by_root.shape[1] * by_root.shape[2], len(by_root))
@@ -445,21 +451,28 @@ class _Minimum:
         With S = A A^T, ``(I - S)^-1 = I + A (I - A^T A)^-1 A^T``: of the two matrices the smaller is inverted.
         """
         stacks: list[tuple[int, IntArray, IntArray, IntArray]] = []
-        derivatives: list[tuple[FloatArray, FloatArray]] = []
-        n_places, size = 0, 0.0
+        n_places = 0
         for i in np.unique(batch.which).tolist():
             k, (rows, groups, place) = self.parts[i].weights.shape[1], batch.of(i)
             stacks.append((i, rows, groups[:, None], n_places + k * place[:, None] + np.arange(k)))
-            derivatives.append(self.problem.site_derivatives(i, rows, self.parts[i].linear, self.x))
-            size = max(size, float(self.root.alone(*derivatives[-1]).max()))
             n_places += k * batch.largest(i)
-        rounding = SINGLE_ROUNDING * np.sqrt(size / max(self.root.n_rows, 1))
         # It pays where products take the time; of few groups rounding will be too much.
+        of_long = [
+            self.problem.site_derivatives(i, rows, self.parts[i].linear, self.x)
+            for i, rows, *_ in stacks
+            if self.is_long
+        ]
+        size = max([0.0, *(float(self.root.alone(*factors).max()) for factors in of_long)])
+        rounding = SINGLE_ROUNDING * np.sqrt(size / max(self.root.n_rows, 1))
         single = self.is_long and bool(self.root.wide) and rounding * n_places <= MOST_ROUNDED
         shape = batch.n_groups, n_places
         A, r = np.zeros((*shape, self.root.n_rows), np.float32 if single else float), np.zeros(shape)
-        for (i, rows, groups, at), factors in zip(stacks, derivatives, strict=True):  # what a group lacks is zero
-            A[groups, at] = self.root.times(*(of.astype(A.dtype, copy=False) for of in factors)).transpose(2, 1, 0)
+        for n, (i, rows, groups, at) in enumerate(stacks):  # what a group lacks is zero
+            if self.is_long:
+                root = self.root.times(*(of.astype(A.dtype, copy=False) for of in of_long[n])).transpose(2, 1, 0)
+            else:
+                root = self._spread(i, rows).reshape(*at.shape, -1)
+            A[groups, at] = root
             r[groups, at] = self.parts[i].residuals[rows]
         At, is_dual = A.transpose(0, 2, 1), A.shape[1] <= A.shape[2]
         S = (A @ At if is_dual else At @ A).astype(float, copy=False)
@@ -590,6 +603,10 @@ class _Minimum:
             half = half.reshape(len(piece.rows), part.weights.shape[1], -1)
             blocks = half @ half.transpose(0, 2, 1)
             yield _held_out(part, piece.rows, white.reshape(len(piece.rows), -1), blocks, freedom, group)
+
+
+# Of the fits that are at work: the matrices of some are tens of megabytes.
+_MINIMA: WeakKeyDictionary[IdentificationResult, tuple[tuple[object, ...], _Minimum]] = WeakKeyDictionary()
 
 
 def _root_of_rest(S: FloatArray) -> FloatArray | None:
