@@ -366,6 +366,21 @@ def test_regions_by_normal_equations_are_the_same_as_by_derivatives(chunk, drawn
         np.testing.assert_allclose(some.deviations, every.deviations[np.isin(every.rows, some.rows)], rtol=1e-9)
 
 
+def test_groups_and_regions_share_a_minimum_only_of_the_same_readings(drawn, monkeypatch):
+    """Whatever was asked for before, and in whichever memory: to rounding."""
+    rows, regions = np.arange(40), [np.arange(40) < 25]
+    fit, state, references = identified(drawn, rows), ArmState(drawn[0].chain, drawn[1][:40]), references_of(drawn, rows)
+    (alone,) = cross_validate_regions(fit, state, references, regions, 40)
+    by_group = cross_validate_by_group(fit, state, references, rows // 6)
+    (after,) = cross_validate_regions(fit, state, references, regions, 40)
+    np.testing.assert_array_equal(after.deviations, alone.deviations)
+    elsewhere = ArmState(drawn[0].chain, drawn[1][:40] + 0.1)
+    assert (cross_validate_by_group(fit, elsewhere, references, rows // 6).covariance != by_group.covariance).all()
+    monkeypatch.setattr(cross_validation, "MOST_SPREAD", 0)
+    plain = cross_validate_by_group(fit, state, references_of(drawn, rows), rows // 6)
+    np.testing.assert_allclose(by_group.deviations, plain.deviations, rtol=0, atol=1e-9 * NOISE)
+
+
 def test_a_step_short_of_the_minimum_readings_held_out_are_the_same(drawn, rng):
     """A tenth of the uncertainty short, along all coefficients; two thirds of the readings are held out at once.
 
