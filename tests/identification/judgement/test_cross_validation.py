@@ -369,7 +369,8 @@ def test_regions_by_normal_equations_are_the_same_as_by_derivatives(chunk, drawn
 def test_groups_and_regions_share_a_minimum_only_of_the_same_readings(drawn, monkeypatch):
     """Whatever was asked for before, and in whichever memory: to rounding."""
     rows, regions = np.arange(40), [np.arange(40) < 25]
-    fit, state, references = identified(drawn, rows), ArmState(drawn[0].chain, drawn[1][:40]), references_of(drawn, rows)
+    fit, state = identified(drawn, rows), ArmState(drawn[0].chain, drawn[1][:40])
+    references = references_of(drawn, rows)
     (alone,) = cross_validate_regions(fit, state, references, regions, 40)
     by_group = cross_validate_by_group(fit, state, references, rows // 6)
     (after,) = cross_validate_regions(fit, state, references, regions, 40)
