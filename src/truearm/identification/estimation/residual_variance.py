@@ -419,24 +419,24 @@ def _posterior(
     n, k = STUDENT_FREEDOM, len(squares)
     typical = max(float(np.median(squares.sum(axis=0) / held_out.freedom)) / k, FLOOR_MM2)
     weight = len(np.unique(held_out.group)) / len(held_out.rows)
-    design = np.hstack([np.ones((len(features), 1)), features])
+    design, own_typical = np.vstack([np.ones(len(features)), features.T]), typical * held_out.freedom
 
     @cache  # the last of one precision of the prior is the first of the next
     def by_readings(parameters: tuple[float, ...]) -> tuple[float, FloatArray, FloatArray]:
-        own = typical * np.exp(np.clip(design @ parameters, -50.0, 50.0)) * held_out.freedom
+        own = own_typical * np.exp(np.clip(parameters @ design, -50.0, 50.0))
         variance = known + own
-        parts = squares / variance
+        parts, share = squares / variance, own / variance
         length = parts.sum(axis=0)
-        value = 0.5 * np.log(variance.prod(axis=0)).sum() + 0.5 * (n + k) * np.log1p(length / n).sum()
+        value = 0.5 * np.log(variance.prod(axis=0)).sum() + 0.5 * (n + k) * np.log(1 + length / n).sum()
         pull = (n + k) / (n + length)
-        by_log = 0.5 * own * ((1 - pull * parts) / variance).sum(axis=0)
+        by_log = 0.5 * (share.sum(axis=0) - pull * np.einsum("km,km->m", share, parts))
         # By the expected information of Student's log scale: for p coordinates and n degrees of freedom it is
         # p n / 2 (n + p + 2) (K. L. Lange, R. J. A. Little, J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881,
         # section 4); f^2 times as much where the scale is a share f of the variance.
-        each = weight * ((own / variance) ** 2).sum(axis=0) / 2 * n / (n + k + 2)
-        information = design.T @ (each[:, None] * design)
+        each = np.sqrt(0.5 * weight * n / (n + k + 2) * np.einsum("km,km->m", share, share)) * design
+        information = each @ each.T
         information[0, 0] += 1e-12  # in case the covariances explain all deviations
-        return float(weight * value), weight * (design.T @ by_log), information
+        return float(weight * value), weight * (design @ by_log), information
 
     def deviance(parameters: FloatArray, precision: float) -> tuple[float, FloatArray, FloatArray]:
         value, gradient, information = by_readings(tuple(parameters.tolist()))

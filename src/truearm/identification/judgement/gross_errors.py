@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import digamma, expit, gammaln
@@ -73,7 +74,7 @@ class ErrorDistribution:
 
     def gross_probability(self, held_out: HeldOutReadings) -> FloatArray:
         """(m,) probability of each reading to be a gross error."""
-        honest, gross = _log_densities(*held_out.along_axes, held_out.freedom, self)
+        honest, gross = _densities(*held_out.along_axes, held_out.freedom, self).logs
         return np.asarray(expit(gross - honest))
 
     def student_weights(self, held_out: HeldOutReadings) -> FloatArray:
@@ -136,24 +137,20 @@ def _deviance(
     These are the logarithm of the variance, one over the degrees of freedom and the logarithm of the share.
     """
     nu, share, k = of.freedom, of.gross_share, len(squares)
-    honest, gross = _log_densities(known, squares, freedom, of)
+    (honest, gross), variance, parts, t2, power, log_tail = _densities(known, squares, freedom, of)
     of_gross = expit(gross - honest)
     of_honest = 1 - of_gross
-    variance = known + of.variance * freedom
     relative = of.variance * freedom / variance  # of the logarithm of each axis' variance by that of the scale
-    parts = squares / variance
-    t2, t2_slope = parts.sum(axis=0), -(parts * relative).sum(axis=0)
-    half_slope = 0.5 * relative.sum(axis=0)
+    t2_slope, half_slope = -np.einsum("km,km->m", parts, relative), 0.5 * relative.sum(axis=0)
     # By the logarithm of t^2, whose power of one coordinate has no slope at zero.
     log_slope = np.divide(t2_slope, t2, out=np.zeros_like(t2), where=t2 > 0)
-    of_length = of_honest * (nu + k) * t2 / (nu + t2) + of_gross * k * t2 ** (k / 2) / (
-        LEAST_GROSS_STDS**k + t2 ** (k / 2)
-    )
-    by_variance = float((-0.5 * of_length * log_slope - half_slope).sum())
+    inside = of_honest * (nu + k) * t2 / (nu + t2)
+    of_length = inside + of_gross * k * power / (LEAST_GROSS_STDS**k + power)
+    by_variance = float(-0.5 * of_length @ log_slope - half_slope.sum())
     norm_slope = 0.5 * (digamma((nu + k) / 2) - digamma(nu / 2)) - k / (2 * nu)
-    by_freedom = norm_slope - 0.5 * np.log1p(t2 / nu) + 0.5 * (nu + k) * t2 / (nu * (nu + t2))
-    by_freedom = float((of_honest * by_freedom).sum()) + FREEDOM_SHAPE / nu - FREEDOM_RATE
-    by_share = float((of_gross - of_honest * share / (1 - share)).sum())
+    by_freedom = float(of_honest @ (norm_slope - 0.5 * log_tail)) + 0.5 * float(inside.sum()) / nu
+    by_freedom += FREEDOM_SHAPE / nu - FREEDOM_RATE
+    by_share = float(of_gross.sum() - of_honest.sum() * share / (1 - share))
     prior = FREEDOM_SHAPE * np.log(nu) - FREEDOM_RATE * nu  # of the logarithm
     density = float(np.logaddexp(honest, gross).sum() + prior)
     return -density, np.array([-by_variance, by_freedom * nu**2, -by_share])
@@ -165,20 +162,34 @@ def _typical_variance(held_out: HeldOutReadings) -> float:
     return max(float(np.median(squares)) / chi2_quantile(0.5, held_out.n_coordinates), FLOOR_MM2)
 
 
-def _log_densities(
-    known: FloatArray, squares: FloatArray, freedom: FloatArray, of: ErrorDistribution
-) -> tuple[FloatArray, FloatArray]:
-    """Logarithms of share times density, honest and gross, both without the common Jacobian of the whitening."""
-    variance, nu = known + of.variance * freedom, of.freedom
-    t2 = (squares / variance).sum(axis=0)
-    half_log_det = 0.5 * np.log(variance).sum(axis=0)
-    k = len(squares)
+class _Densities(NamedTuple):
+    """Logarithms of share times density, honest and gross, both without the common Jacobian of the whitening.
+
+    And what they are of: variances (k, m) of the axes, squares in their units and the sum t^2, |t|^k and the logarithm
+    of 1 + t^2 / nu.
+    """
+
+    logs: tuple[FloatArray, FloatArray]
+    variance: FloatArray
+    parts: FloatArray
+    t2: FloatArray
+    power: FloatArray
+    log_tail: FloatArray
+
+
+def _densities(known: FloatArray, squares: FloatArray, freedom: FloatArray, of: ErrorDistribution) -> _Densities:
+    """Densities of deviations with squares (k, m) along axes, of known variances (k, m) beside the scale's."""
+    variance, nu, k = known + of.variance * freedom, of.freedom, len(squares)
+    parts = squares / variance
+    t2 = parts.sum(axis=0)
+    power = t2 ** (k // 2) * np.sqrt(t2) ** (k % 2)  # a tenth of the time of a power that is no whole number
+    log_tail, half_log_det = np.log(1 + t2 / nu), 0.5 * np.log(variance.prod(axis=0))
     norm = gammaln((nu + k) / 2) - gammaln(nu / 2) - k / 2 * np.log(nu * np.pi) + np.log1p(-of.gross_share)
-    honest = norm - 0.5 * (nu + k) * np.log1p(t2 / nu)
+    honest = norm - 0.5 * (nu + k) * log_tail - half_log_det
     # A density 1/t of the length, between the first gross errors and the largest; smooth below these.
     decades = np.log(UNIT_SPHERE[k] * DECADES * np.log(10.0))
-    gross = np.log(of.gross_share) - decades - np.log(LEAST_GROSS_STDS**k + t2 ** (k / 2))
-    return honest - half_log_det, gross - half_log_det
+    gross = np.log(of.gross_share) - decades - np.log(LEAST_GROSS_STDS**k + power) - half_log_det
+    return _Densities((honest, gross), variance, parts, t2, power, log_tail)
 
 
 def identify_without_gross_errors(
@@ -255,7 +266,7 @@ def gross_error_limit(fit: IdentificationResult, held_out: HeldOutReadings) -> f
     distribution = _judge(fit, held_out)[1]
     lengths = np.geomspace(LEAST_GROSS_STDS, LEAST_GROSS_STDS * 10**DECADES, 4000)
     squares = np.repeat(lengths[None] ** 2 * distribution.variance / 3, 3, axis=0)
-    honest, gross = _log_densities(np.zeros_like(squares), squares, np.ones(len(lengths)), distribution)
+    honest, gross = _densities(np.zeros_like(squares), squares, np.ones(len(lengths)), distribution).logs
     return float(lengths[min(int(np.count_nonzero(gross <= honest)), len(lengths) - 1)])
 
 

@@ -40,9 +40,8 @@ def tail_freedom(held_out: HeldOutReadings, variance: float) -> float:
     """
     from scipy.optimize import minimize_scalar
 
-    spread = held_out.covariance + (variance * held_out.freedom)[:, None, None] * np.eye(held_out.n_coordinates)
-    whitened = np.linalg.solve(spread, held_out.deviations[:, :, None])[:, :, 0]
-    squares = np.einsum("ni,ni->n", held_out.deviations, whitened)
+    known, along = held_out.along_axes
+    squares = (along / (known + variance * held_out.freedom)).sum(axis=0)
     k = held_out.n_coordinates
     beyond = squares[squares > chi2_quantile(LEVEL, k)]
 
