@@ -52,7 +52,7 @@ def test_the_gain_of_evidence_is_that_of_the_dense_covariances(arm, rng):
     observed = J @ fit.coefficients - points.residuals.ravel()
     # The rounds end within a twentieth of a standard deviation of the minimum: a gradient is left.
     (equations,) = _equations(fit, state, [basis], points.weights, points.residuals, 40, 1.0)
-    size, gain = evidence_gain(*equations, np.array([0.2]))
+    size, gain, explained = evidence_gain(*equations, np.array([0.2]))
     without = J @ np.diag(fit.prior_std**2) @ J.T + np.diag(weights**-2.0)
 
     def log_evidence(covariance):
@@ -62,6 +62,9 @@ def test_the_gain_of_evidence_is_that_of_the_dense_covariances(arm, rng):
     assert size == 0.2
     # The covariances have condition numbers of up to 1e10: six digits remain.
     assert gain == pytest.approx(expected, rel=1e-4)
+    (A, b), prior = equations, 0.2**-2
+    coefficients = np.linalg.solve(A + prior * np.eye(len(b)), b)
+    assert explained == pytest.approx(coefficients @ b, rel=1e-6)  # A is symmetric to single precision
 
 
 def test_a_smooth_error_is_proposed_and_noise_is_not(arm, rng):

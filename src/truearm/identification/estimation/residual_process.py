@@ -31,6 +31,7 @@ import numpy as np
 
 from truearm.identification.estimation.identification import sample_size, select_evenly
 from truearm.identification.estimation.identification_result import IdentificationResult
+from truearm.identification.estimation.perturbed_chain import MOST_NARROW
 from truearm.identification.terms.basis import AXES, Basis
 from truearm.identification.terms.kernel import InducedProcess, embedded, inducing_points
 from truearm.identification.terms.state import ArmState
@@ -98,17 +99,17 @@ def propose_process(fit: IdentificationResult, state: ArmState) -> ProposedProce
         )
         sizes = points.noise_std * np.geomspace(LEAST_SIZE, MOST_SIZE, N_SIZES)
         found = [evidence_gain(*of_process, sizes) for of_process in equations]
-    best = int(np.argmax([gain for _, gain in found]))
-    size, gain = found[best]
-    if explained_squares(*equations[best], size) < LEAST_SHARE * 3 * len(used):
+    best = int(np.argmax([gain for _, gain, _ in found]))
+    size, gain, explained = found[best]
+    if explained < LEAST_SHARE * 3 * len(used):
         return None
     # Size and length scale are chosen: half the logarithm of the number of readings each.
     allowance = float(np.log(len(used)))
     return ProposedProcess(tuple(replace(term, prior_std=size) for term in tried[best]), gain - allowance)
 
 
-def evidence_gain(information: FloatArray, right: FloatArray, sizes: FloatArray) -> tuple[float, float]:
-    """Return the prior standard deviation of greatest evidence, and its gain over none at all.
+def evidence_gain(information: FloatArray, right: FloatArray, sizes: FloatArray) -> tuple[float, float, float]:
+    """Return the prior standard deviation of greatest evidence, its gain over none at all, and what it explains.
 
     Parameters
     ----------
@@ -119,20 +120,16 @@ def evidence_gain(information: FloatArray, right: FloatArray, sizes: FloatArray)
 
     Returns
     -------
-    size, gain : float
-        Of the logarithm of the evidence; negative if each of `sizes` lowers it.
+    size, gain, explained : float
+        The gain of the logarithm of the evidence is negative if each of `sizes` lowers it. Explained is by how much a
+        process of this size lowers the sum of the squared residuals, in units of their variances.
     """
     values, axes = np.linalg.eigh(information)
     along, shown = (axes.T @ right) ** 2, sizes[:, None] ** 2 * np.maximum(values, 0.0)
-    gains = 0.5 * (sizes[:, None] ** 2 * along / (1 + shown) - np.log1p(shown)).sum(axis=1)
+    explained = (sizes[:, None] ** 2 * along / (1 + shown)).sum(axis=1)
+    gains = 0.5 * (explained - np.log1p(shown).sum(axis=1))
     best = int(gains.argmax())
-    return float(sizes[best]), float(gains[best])
-
-
-def explained_squares(information: FloatArray, right: FloatArray, size: float) -> float:
-    """By how much a process of this size lowers the sum of the squared residuals, in units of their variances."""
-    values, axes = np.linalg.eigh(information)
-    return float((size**2 * (axes.T @ right) ** 2 / (1 + size**2 * np.maximum(values, 0.0))).sum())
+    return float(sizes[best]), float(gains[best]), float(explained[best])
 
 
 def _equations(
@@ -151,27 +148,33 @@ def _equations(
     chain, x = fit.perturbed_chain, fit.coefficients
     p, stops, axes = len(x), np.cumsum([basis.n_functions for basis in bases]), chain.chain.fixed[0, :3, :3].T
     gradient, right, across = x / fit.prior_std**2, np.zeros((3, stops[-1])), np.zeros((p, 3, stops[-1]))
+    # All coefficients of sites with few functions together, then site by site: columns of one stay in the cache.
+    site_of, row_of = chain.of_coefficient
+    wide = [(site.columns, site.rows, i) for i, site in enumerate(chain.sites) if len(site.columns) > MOST_NARROW]
+    narrow = np.flatnonzero(~np.isin(site_of, [i for _, _, i in wide]))
+    parts = [(narrow, row_of[narrow], site_of[narrow]), *wide]
     information = [np.zeros((3, basis.n_functions, 3, basis.n_functions)) for basis in bases]
     for rows, _, along_sites, of_chain in chain.site_derivatives(state, x):
         values = np.concatenate([basis.values(state.rows(rows)) for basis in bases])
         squared = weights[:, rows] ** 2
         weighted = squared * residuals[:, rows]
         right -= axes @ weighted @ values.T
-        for site, pulled in zip(chain.sites, np.einsum("scm,cm->sm", along_sites, weighted), strict=True):
-            gradient[site.columns] += of_chain[site.rows] @ pulled
+        pulled = np.einsum("scm,cm->sm", along_sites, weighted)
+        for own, functions, sites in parts:
+            gradient[own] += np.einsum("...m,...m->...", of_chain[functions], pulled[sites])
         if rows.start >= n_sample:
             continue
         squared[:, max(n_sample - rows.start, 0) :] = 0.0
         # Products need no more digits than this, and take half the time with them.
-        functions = values.astype(np.float32)
+        single = values.astype(np.float32)
         by_axis = np.matmul(axes, along_sites * squared).astype(np.float32)  # before the functions: fewer
-        for site, along, own in zip(chain.sites, by_axis, chain.by_site(of_chain.astype(np.float32)), strict=True):
-            columns = own[:, None] * along  # of one site they stay in the cache
-            products = columns.reshape(-1, columns.shape[2]) @ functions.T
-            across[site.columns] += products.reshape(-1, 3, products.shape[1])
+        for own, functions, sites in parts:
+            columns = of_chain[functions].astype(np.float32)[:, None] * by_axis[sites]
+            products = columns.reshape(-1, columns.shape[2]) @ single.T
+            across[own] += products.reshape(-1, 3, products.shape[1])
         for axis, other in combinations_with_replacement(range(3), 2):
             of_both = ((axes[axis] * axes[other]) @ squared).astype(np.float32)
-            for own, value in zip(information, np.split(functions, stops[:-1]), strict=True):
+            for own, value in zip(information, np.split(single, stops[:-1]), strict=True):
                 block = (of_both * value) @ value.T
                 own[axis, :, other] += block
                 if other > axis:  # symmetric, as the product is
