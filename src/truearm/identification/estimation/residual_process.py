@@ -160,18 +160,18 @@ def _equations(
         weighted = squared * residuals[:, rows]
         right -= axes @ weighted @ values.T
         pulled = np.einsum("scm,cm->sm", along_sites, weighted)
-        for own, functions, sites in parts:
-            gradient[own] += np.einsum("...m,...m->...", of_chain[functions], pulled[sites])
+        for which, functions, sites in parts:
+            gradient[which] += np.einsum("...m,...m->...", of_chain[functions], pulled[sites])
         if rows.start >= n_sample:
             continue
         squared[:, max(n_sample - rows.start, 0) :] = 0.0
         # Products need no more digits than this, and take half the time with them.
         single = values.astype(np.float32)
         by_axis = np.matmul(axes, along_sites * squared).astype(np.float32)  # before the functions: fewer
-        for own, functions, sites in parts:
+        for which, functions, sites in parts:
             columns = of_chain[functions].astype(np.float32)[:, None] * by_axis[sites]
             products = columns.reshape(-1, columns.shape[2]) @ single.T
-            across[own] += products.reshape(-1, 3, products.shape[1])
+            across[which] += products.reshape(-1, 3, products.shape[1])
         for axis, other in combinations_with_replacement(range(3), 2):
             of_both = ((axes[axis] * axes[other]) @ squared).astype(np.float32)
             for own, value in zip(information, np.split(single, stops[:-1]), strict=True):

@@ -87,9 +87,9 @@ def repeating_residuals(
         return unknown
     rows = np.linspace(0, len(points) - 1, min(len(points), MOST_READINGS)).astype(int)
     at, n = state.rows(rows), 3 * len(rows)
-    pieces = [columns for _, _, columns in fit.perturbed_chain.derivatives(at, fit.coefficients)]
-    J = np.concatenate(pieces, axis=2).transpose(2, 1, 0).reshape(n, -1)
-    y = (points[rows] - fit.tips(at)).ravel() + J @ fit.coefficients
+    ((_, tips, columns),) = fit.perturbed_chain.derivatives(at, fit.coefficients)
+    J = columns.transpose(2, 1, 0).reshape(n, -1)
+    y = (points[rows] - tips.T).ravel() + J @ fit.coefficients
     by_prior = J * fit.prior_std
     std = np.sqrt(np.repeat(variance[rows], 3))
     of_none = by_prior @ by_prior.T + np.diag(np.repeat(point_variance[rows], 3) + std**2)

@@ -10,8 +10,8 @@ Am. Stat. Assoc. 72 (1977) 320), so that nothing which the constants took is cou
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,9 +19,9 @@ import numpy as np
 from truearm.identification.estimation.identification import initial_problem
 from truearm.identification.estimation.identification_result import IdentificationResult
 from truearm.identification.estimation.linearisation import eliminate_unknowns, linearised
-from truearm.identification.estimation.perturbed_chain import PerturbedChain, chunks
+from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.references.references import Reference
-from truearm.identification.terms import ArmState, Expression, Formula, Harmonics, Term
+from truearm.identification.terms import ArmState, Harmonics, Term
 from truearm.identification.terms.catalogue import ANGLE_STD, LENGTH_STD, relative_size
 from truearm.solve.linear_algebra import inverse_root
 from truearm.solve.threads import one_blas_thread
@@ -119,22 +119,22 @@ def contrasts(
     features: Sequence[Term],
 ) -> Contrasts:
     """Residuals of an arm by the coefficients of features; other parameters are those of `remaining`."""
-    known = dict(zip(fit.perturbed_chain.terms, fit.perturbed_chain.columns, strict=True))
-    motions, state = _known_motions(fit, state, set(absorbed))
-    # What is identified from these readings first, then the features, then what is known from others.
-    chain = PerturbedChain(fit.perturbed_chain.chain, (*absorbed, *features, *motions))
+    arm, meant = fit.perturbed_chain, (*absorbed, *features)
+    own = dict(zip(arm.terms, arm.columns, strict=True))
+    taken_up = set(absorbed)
+    known = np.where(fit.columns_of(lambda term: term not in taken_up), fit.coefficients, 0.0)
+    chain = _BesideKnown(arm.chain, meant, arm, known) if known.any() else PerturbedChain(arm.chain, meant)
     problem, _ = initial_problem(chain, state, references)
-    before = [fit.coefficients[known[t]] if t in known else np.zeros(t.n_coefficients) for t in (*absorbed, *features)]
+    before = [fit.coefficients[own[term]] if term in own else np.zeros(term.n_coefficients) for term in meant]
     unknowns = [value for one in fit.references for value in one.unknowns.values()]
-    x = np.concatenate([*before, np.ones(len(motions)), unknowns])
+    x = np.concatenate([*before, unknowns])
     # Excluded readings and gross errors say nothing of the pose.
     weights = [np.sqrt(one.robust_weight) * np.ones_like(one.residuals) for one in fit.references]
     n_absorbed, n_features = (sum(term.n_coefficients for term in some) for some in (absorbed, features))
     with one_blas_thread():
         parts, whole = linearised(problem, x, weights)
         reduced = eliminate_unknowns(parts, whole, x)
-        of_use = np.r_[: n_absorbed + n_features, chain.n_coefficients : len(reduced.gram)]
-        gram, slope, rank, gain = _without(reduced.gram[np.ix_(of_use, of_use)], reduced.gradient[of_use], n_absorbed)
+        gram, slope, rank, gain = _without(reduced.gram, reduced.gradient, n_absorbed)
         gram, slope = gram[:n_features, :n_features], slope[:n_features]
     # A reading counts by its weight, as residual and as reading.
     n = max(round(sum(float(one.sum()) for one in weights)) - rank - round(reduced.n_determined), 0)
@@ -142,25 +142,30 @@ def contrasts(
     return Contrasts(gram, slope, squares, n, sum(float(one[0].sum()) for one in weights))
 
 
-def _known_motions(fit: IdentificationResult, state: ArmState, absorbed: Set[Term]) -> tuple[list[Term], ArmState]:
-    """Terms of coefficient 1 that move each place as all terms do that are not absorbed, and a state with their values.
+@dataclass(frozen=True, eq=False)
+class _BesideKnown(PerturbedChain):
+    """Terms beside those of an arm whose coefficients are known: a physical model has more than a thousand.
 
-    No derivatives by them are needed, of which a physical model has more than a thousand.
+    No derivatives by them are needed: the values end with their motions.
     """
-    chain = fit.perturbed_chain
-    x = np.where(fit.columns_of(lambda term: term not in absorbed), fit.coefficients, 0.0)
-    if not x.any():
-        return [], state
-    motions = np.zeros((chain.chain.n_places, 6, len(state)))
-    for rows in chunks(len(state)):
-        motions[..., rows] = chain.motions(x, chain.values(state.rows(rows)))
-    terms, columns = [], dict(state.columns)
-    for place, axis in np.argwhere(motions.any(axis=2)).tolist():
-        name = f"known motion {axis} at {place}"
-        direction, basis = tuple(float(axis == one) for one in range(6)), Formula((Expression.column(name),))
-        terms.append(Term(name, place, direction, basis, "known motions", 1.0))
-        columns[name] = motions[place, axis]
-    return terms, replace(state, columns=columns)
+
+    arm: PerturbedChain
+    known: FloatArray
+
+    def values(self, state: ArmState) -> FloatArray:
+        """(n_functions + 6 n_places, m) values of the functions, then the known motions."""
+        motions = self.arm.motions(self.known, self.arm.values(state))
+        wide = np.broadcast_to(motions, (*motions.shape[:2], len(state)))
+        return np.concatenate([super().values(state), wide.reshape(-1, len(state))])
+
+    def motions(self, x: FloatArray, values: FloatArray) -> FloatArray:
+        """(n_places, 6, m) motions with coefficients `x` and the known ones."""
+        own, known = np.split(values, [len(values) - 6 * self.chain.n_places])
+        return super().motions(x, own) + known.reshape(-1, 6, values.shape[1])
+
+    def is_constant(self, x: FloatArray) -> bool:  # noqa: ARG002
+        """Whether all motions are the same at every reading: the known ones are not."""
+        return False
 
 
 def pose_features(n_joints: int, size: float) -> list[Term]:
