@@ -131,10 +131,6 @@ class Board:
         first, sign, rest = self.name.partition(f"{self.across}x{self.down}")
         return parse_board(f"{first}{self.down}x{self.across}{rest}") if sign else None
 
-    def renamed(self, name: str) -> Board:
-        """The same board by another name."""
-        return replace(self, name=name)
-
 
 def charuco(
     across: int,
@@ -286,7 +282,7 @@ def parse_board(text: str, *, folder: str | Path = ".") -> Board:
     if kind == "points":
         u_scale, others, _ = _options(parts[1:], kind)
         _refuse_dictionary(others, kind)
-        return read_points(Path(folder) / parts[0], u_scale=u_scale).renamed(text.strip())
+        return replace(read_points(Path(folder) / parts[0], u_scale=u_scale), name=text.strip())
     n_lengths = 1 if kind == "chessboard" else 2
     grid = _GRID.fullmatch(parts[0].lower())
     if grid is None or len(parts) < 1 + n_lengths:
@@ -301,14 +297,14 @@ def parse_board(text: str, *, folder: str | Path = ".") -> Board:
         board = aprilgrid(across, down, lengths[0], lengths[1], dictionary=dictionary, u_scale=u_scale)
     else:
         board = charuco(across, down, *lengths, dictionary=dictionary, is_legacy=is_legacy, u_scale=u_scale)
-    return board.renamed(text.strip())
+    return replace(board, name=text.strip())
 
 
 def named_board(text: str, *, folder: str | Path = ".") -> Board:
     """Read ``NAME=TEXT``, a board by a name of its own, or the text alone; errors as of `parse_board`."""
     name, sign, spec = text.partition("=")
     if sign and ":" not in name:
-        return parse_board(spec, folder=folder).renamed(name.strip())
+        return replace(parse_board(spec, folder=folder), name=name.strip())
     return parse_board(text, folder=folder)
 
 

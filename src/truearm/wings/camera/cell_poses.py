@@ -371,7 +371,7 @@ def _errors(
     fit, at = model.fit_, model.at(poses.session().rows(poses.rows))
     pose, J = fit.perturbed_chain.pose_by_coefficients(at.state, fit.coefficients)
     frames = np.stack([model.session_frames_.get(name, np.eye(4)) for name in poses.standing])
-    predicted, (seen, by_pose) = inverse(frames) @ motion(pose.R_base_tip, pose.tip_in_base), poses.tips()
+    predicted, (seen, by_pose) = inverse(frames) @ motion(*pose), poses.tips()
     turn = Rotation.from_matrix(predicted[:, :3, :3] @ seen[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
     errors = np.concatenate([predicted[:, :3, 3] - seen[:, :3, 3], turn], axis=1)
     covariance = by_pose @ poses.adjusted.covariance @ by_pose.transpose(0, 2, 1)

@@ -12,7 +12,7 @@ Automation 10 (1994) 717: the rotation of X by the rotation vectors of pairs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -203,9 +203,7 @@ def refined(A: FloatArray, C: FloatArray, start: ClosedForm) -> HandEyeAlone:
         worst = int(off.argmax())
         is_gross = off[worst] > max(GROSS * float(np.median(off)), LEAST_GROSS_MM)
         if not is_gross or rows.sum() <= max(0.75 * len(A), 5):
-            return HandEyeAlone(
-                found.X, found.Y, found.covariance, found.position_std, found.turn_std, found.held_out_mm, rows
-            )
+            return replace(found, rows=rows)
         rows[np.flatnonzero(rows)[worst]] = False
 
 

@@ -178,8 +178,9 @@ SMALL_PX = 700
 ELSEWHERE_SHARE = 0.35
 # Structures in the image finer than this blur [px] show that it is sharp; see `blur_of`.
 BLURRED_PX = 2.2
+# Of dictionaries of one kind the largest has the markers of the others.
 DICTIONARIES = (
-    *(f"{n}x{n}_{size}" for n in (4, 5, 6, 7) for size in (50, 100, 250, 1000)),
+    *(f"{n}x{n}_1000" for n in (4, 5, 6, 7)),
     *(f"apriltag_{name}" for name in ("16h5", "25h9", "36h10", "36h11")),
 )
 
@@ -428,7 +429,6 @@ class Detector:
         """The dictionary with by far the most markers in the image, if there is one."""
         cells = self.board.dictionary.partition("_")[0]
         others = [name for name in DICTIONARIES if name.partition("_")[0] != cells or "apriltag" in name]
-        others = [name for name in others if name.endswith("_1000") or "apriltag" in name]
         counts = [len(np.unique(self._markers(image, name))) for name in others]
         best = int(np.argmax(counts))
         return others[best].replace("_1000", " (50 to 1000)") if counts[best] >= 4 else ""

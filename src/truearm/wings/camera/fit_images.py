@@ -486,8 +486,8 @@ class _Placed:
             in_hand=cell.in_hand,
             T_child_tip={},
         )
-        pose = turned.chain.with_tip(np.zeros(3)).pose(cell.readings.angles[cell.rows])
-        flange, seen = motion(pose.R_base_tip, pose.tip_in_base), poses.T_camera_board
+        flange = motion(*turned.chain.with_tip(np.zeros(3)).pose(cell.readings.angles[cell.rows]))
+        seen = poses.T_camera_board
         pairs = []
         for carried, standing, own in poses.pairs():
             rows = np.flatnonzero(own)

@@ -331,8 +331,7 @@ def _by_joints(moved: Samples, flange: Poses | None, arm: Arm | None, said: list
     if moved.joints.shape[1] != arm.n_joints:
         got = moved.joints.shape[1]
         raise InputError(f"expected {arm.n_joints} joints of {arm.name}, got {got}", file=moved.file)
-    pose = arm.chain.with_tip(np.zeros(3)).pose(moved.joints)
-    F = motion(pose.R_base_tip, pose.tip_in_base)
+    F = motion(*arm.chain.with_tip(np.zeros(3)).pose(moved.joints))
     if flange is not None and flange.unit is not None:
         form = flange.form or next(iter(flange.forms), None)
         if form in flange.forms:

@@ -226,11 +226,7 @@ def _places(found: HandEyeByImages) -> Table:
     columns = Column.of(
         "frame", "in", "x [mm]", "y [mm]", "z [mm]", "roll [deg]", "pitch [deg]", "yaw [deg]", "U [mm]", "U [deg]"
     )
-    rows = tuple(
-        (one.child, one.parent, *(f"{x:.2f}" for x in one.position_mm), *(f"{x:.3f}" for x in one.rpy_deg),
-         f"{one.U_mm:.2g}", f"{one.U_deg:.2g}")
-        for one in found.transforms
-    )  # fmt: skip
+    rows = tuple(one.cells() for one in found.transforms)
     return Table(columns, rows, "Where the frames are. U is that of the worst direction, k = 2.")
 
 

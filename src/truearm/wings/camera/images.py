@@ -415,12 +415,12 @@ def _first_pose(corners: FloatArray, directions: FloatArray) -> tuple[FloatArray
     axes = axes * np.sign(np.linalg.det(axes))
     flat = (corners - middle) @ axes.T
     if abs(spread[2]) < 1e-2 * spread[0] or len(corners) < 6:
-        H = _homography(flat[:, :2], directions.T)
+        H = _projection(flat[:, :2], directions.T)
         H = H / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1])) * (np.sign(H[2, 2]) or 1.0)
         columns = np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])])
         translation = H[:, 2]
     else:
-        P = _camera_matrix(flat, directions.T)
+        P = _projection(flat, directions.T)
         P = P / np.cbrt(np.linalg.det(P[:, :3]))
         columns, translation = P[:, :3], P[:, 3]
     u, _, v = np.linalg.svd(columns)
@@ -428,25 +428,16 @@ def _first_pose(corners: FloatArray, directions: FloatArray) -> tuple[FloatArray
     return R, translation - R @ middle
 
 
-def _homography(flat: FloatArray, seen: FloatArray) -> FloatArray:
-    """(3, 3) homography from plane (n, 2) to image (n, 2), by the least singular value of scaled equations."""
-    A, of_a = _scaled(flat)
-    B, of_b = _scaled(seen)
-    return np.asarray(np.linalg.inv(of_b) @ _null(A, B).reshape(3, 3) @ of_a)
+def _projection(points: FloatArray, seen: FloatArray) -> FloatArray:
+    """(3, k + 1) homography of a plane (n, 2), or projection from space (n, 3), to an image (n, 2).
 
-
-def _camera_matrix(points: FloatArray, seen: FloatArray) -> FloatArray:
-    """(3, 4) projection from points (n, 3) to image (n, 2)."""
-    A, of_a = _scaled(points)
-    B, of_b = _scaled(seen)
-    return np.asarray(np.linalg.inv(of_b) @ _null(A, B).reshape(3, 4) @ of_a)
-
-
-def _null(A: FloatArray, B: FloatArray) -> FloatArray:
-    """What maps homogeneous A (n, k) to B (n, 3), row by row, up to a factor."""
+    By the least singular value of scaled equations.
+    """
+    (A, of_a), (B, of_b) = map(_scaled, (points, seen))
     zero = np.zeros_like(A)
     rows = [np.hstack([A, zero, -B[:, :1] * A]), np.hstack([zero, A, -B[:, 1:2] * A])]
-    return np.asarray(np.linalg.svd(np.concatenate(rows))[2][-1])
+    found = np.linalg.svd(np.concatenate(rows))[2][-1].reshape(3, -1)
+    return np.asarray(np.linalg.inv(of_b) @ found @ of_a)
 
 
 def _scaled(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -470,7 +461,7 @@ def homography_misfit(corners: FloatArray, pixels: FloatArray) -> float:
         if shown.sum() < 2 * LEAST_CORNERS:
             continue
         at = corners[shown, :2]
-        A, off = np.column_stack([at, np.ones(len(at))]) @ _homography(at, image[:, shown].T).T, image[:, shown].T
+        A, off = np.column_stack([at, np.ones(len(at))]) @ _projection(at, image[:, shown].T).T, image[:, shown].T
         left = A[:, :2] / A[:, 2:] - off
         found.append(float(np.sqrt((left**2).sum() / ((off - off.mean(axis=0)) ** 2).sum())))
     return float(np.median(found)) if found else 0.0
@@ -494,7 +485,7 @@ def guess_lens(corners: FloatArray, pixels: FloatArray, size_px: Sequence[int]) 
     left, right = [], []
     for image, own in zip(pixels, np.broadcast_to(corners, (len(pixels), *corners.shape[-2:])), strict=True):
         seen = ~np.isnan(image[0])
-        H = _homography(own[seen, :2], image[:, seen].T - centre)
+        H = _projection(own[seen, :2], image[:, seen].T - centre)
         a, b = H[:, 0] / np.linalg.norm(H[:, 0]), H[:, 1] / np.linalg.norm(H[:, 0])
         left += [[a[0] * b[0], a[1] * b[1]], [a[0] ** 2 - b[0] ** 2, a[1] ** 2 - b[1] ** 2]]
         right += [-a[2] * b[2], b[2] ** 2 - a[2] ** 2]

@@ -88,6 +88,12 @@ class Transform:
         """Expanded uncertainty (k = 2) of the orientation about the axis about which it is largest."""
         return float(np.degrees(2 * np.sqrt(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1].clip(0))))
 
+    def cells(self) -> tuple[str, ...]:
+        """Cells of a table: child, parent, position, roll, pitch, yaw and both uncertainties."""
+        position = (format_fixed(x, 2) for x in self.position_mm)
+        turned = (format_fixed(angle, 3) for angle in self.rpy_deg)
+        return (self.child, self.parent, *position, *turned, f"{self.U_mm:.2g}", f"{self.U_deg:.2g}")
+
     def to_dict(self) -> dict[str, object]:
         """For JSON."""
         return {
@@ -274,12 +280,7 @@ def _numbers(one: Transform) -> tuple[dict[str, str], dict[str, str]]:
     """Position [m] and quaternion by their names."""
     where = zip("xyz", one.position_mm / 1000, strict=True)
     turned = zip("xyzw", one.quaternion_xyzw, strict=True)
-    return {name: _number(x) for name, x in where}, {name: _number(x) for name, x in turned}
-
-
-def _number(x: float) -> str:
-    text = f"{x:.9f}"
-    return text.lstrip("-") if not text.strip("-0.") else text
+    return {name: format_fixed(x, 9) for name, x in where}, {name: format_fixed(x, 9) for name, x in turned}
 
 
 def _origin(one: Transform) -> str:
@@ -322,7 +323,7 @@ def _yaml(camera: Transform, board: Transform, names: dict[str, str]) -> Iterato
         yield f"- frame_id: {names[one.parent]}"
         yield f"  child_frame_id: {names[one.child]}"
         yield from _as_yaml(one)
-        yield f"  U_position_m: {_number(one.U_mm / 1000)}"
+        yield f"  U_position_m: {format_fixed(one.U_mm / 1000, 9)}"
         yield f"  U_orientation_deg: {one.U_deg:.3g}"
 
 
@@ -387,17 +388,13 @@ class CameraAndBoard(Record):
         """See `Record.blocks`."""
         yield self.summary()
         alone, identified = self.held_out_mm
-        if self.fitted is None or self.fitted.model_name == "nominal":
-            yield f"Hand-eye alone leaves {format_mm(alone)} of the board's position on held-out images (mean)."
-        else:
-            yield (
-                f"Hand-eye alone leaves {format_mm(alone)} of the board's position on held-out images (mean), with the "
-                f"arm identified {format_mm(identified)}."
-            )
+        is_nominal = self.fitted is None or self.fitted.model_name == "nominal"
+        with_arm = "" if is_nominal else f", with the arm identified {format_mm(identified)}"
+        yield f"Hand-eye alone leaves {format_mm(alone)} of the board's position on held-out images (mean){with_arm}."
         yield from map(str, self.findings)
         yield TextTable(
             ("frame", "in", "x mm", "y mm", "z mm", "roll deg", "pitch deg", "yaw deg", "U mm", "U deg"),
-            [_row(one) for one in self.transforms],
+            [one.cells() for one in self.transforms],
             left_aligned=(0, 1),
         )
         yield TextTable(
@@ -422,12 +419,6 @@ class CameraAndBoard(Record):
             "findings": [str(one) for one in self.findings],
             "fit": None if self.fitted is None else self.fitted.to_dict(),
         }
-
-
-def _row(one: Transform) -> Sequence[str]:
-    position = (format_fixed(x, 2) for x in one.position_mm)
-    turned = (format_fixed(angle, 3) for angle in one.rpy_deg)
-    return (one.child, one.parent, *position, *turned, f"{one.U_mm:.2g}", f"{one.U_deg:.2g}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

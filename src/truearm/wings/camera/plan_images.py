@@ -26,11 +26,10 @@ from truearm.wings.camera.lenses import Lens, read_camera
 from truearm.wings.camera.virtual_cell import DISTANCE_WIDTHS, VirtualCell, board_for, working_lens
 from truearm.wings.planning.designs.candidates import Candidates
 from truearm.wings.planning.designs.exchange import select_candidates
-from truearm.wings.planning.designs.information import design_problem
 from truearm.wings.planning.designs.plan import NOISE_MM
 from truearm.wings.planning.designs.planned_readings import uniform
 from truearm.wings.planning.designs.prior import nominal_prior
-from truearm.wings.planning.designs.proposal import VOLUME_POSES
+from truearm.wings.planning.designs.proposal import VOLUME_POSES, problem_of
 from truearm.wings.planning.designs.template import write_aims
 from truearm.wings.planning.designs.tour import order_of_few_moves
 from truearm.wings.planning.virtual import PRESETS, VirtualArm
@@ -211,14 +210,8 @@ def plan_images(
     seen = replace(cell.virtual.nominal, chain=cell.virtual.nominal.chain.with_tip(tip))
     noise_mm = float(np.hypot(_noise_of_corners(cell, angles), NOISE_MM))
     prior = nominal_prior(seen, terms="constants", noise_mm=noise_mm).with_frame()
-    problem = design_problem(
-        prior.perturbed_chain,
-        Candidates(angles, np.arange(len(angles))),
-        prior.state(angles),
-        prior.state(uniform(seen, VOLUME_POSES, seed=seed + 1).angles),
-        prior_precision=prior.precision,
-        noise_mm=noise_mm,
-    )
+    volume = uniform(seen, VOLUME_POSES, seed=seed + 1).angles
+    problem = problem_of(prior, Candidates(angles, np.arange(len(angles))), volume)
     chosen = select_candidates(problem, poses)
     before, after = (float(np.sqrt(problem.variance(rows))) for rows in (chosen[:0], chosen))
     return ImagePlan(cell, angles[chosen][order_of_few_moves(seen, angles[chosen])], noise_mm, before, after)

@@ -72,8 +72,7 @@ def read_rotations(numbers: FloatArray, form: str) -> Rotation | None:
 def forms_of(numbers: FloatArray) -> dict[str, Rotation]:
     """All rotations that numbers may mean, by their forms; of forms that mean the same the first."""
     names = {4: QUATERNIONS, 9: ("matrix",), 3: tuple(THREE)}.get(numbers.shape[1], ())
-    found = {name: read for name in names if (read := read_rotations(numbers, name)) is not None}
-    return dict(found)
+    return {name: read for name in names if (read := read_rotations(numbers, name)) is not None}
 
 
 def described(form: str) -> str:
@@ -87,9 +86,6 @@ def described(form: str) -> str:
         return f"rotation vectors in {unit}"
     axes = "fixed" if order.islower() else "turned"
     return f"Euler angles in {unit} about the {axes} axes {', '.join(order.lower())}"
-
-
-__all__ = ["ALIASES", "FORMS", "checked_form", "described", "forms_of", "read_rotations"]
 
 
 Unit = Literal["mm", "m"]
@@ -154,12 +150,7 @@ class Poses:
     @classmethod
     def of_motions(cls, T: FloatArray, unit: Unit | None) -> Poses:
         """Of (n, 4, 4) motions."""
-        return cls.of_numbers(T[:, :3, 3], T[:, :3, :3].reshape(-1, 9), "matrix", unit)
-
-    @classmethod
-    def of_numbers(cls, positions: FloatArray, numbers: FloatArray, form: str | None, unit: Unit | None) -> Poses:
-        """Of numbers in a form, or in whichever of them fits."""
-        return cls(positions, forms_of(numbers), unit, form)
+        return cls(T[:, :3, 3], forms_of(T[:, :3, :3].reshape(-1, 9)), unit, "matrix")
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +168,7 @@ class Samples:
         Of the flange in the base, of the board in the camera.
     eye_in_hand : bool or None
         Where the camera is; None where the file does not state it.
-    robot_is_inverted : bool or None
+    inverts_standing : bool
         Of easy_handeye: the poses are of the base in the flange where the camera stands.
     lines : (n,) int array or None
         Lines of the images in a table.
@@ -263,7 +254,8 @@ def _poses_among(arrays: dict[str, FloatArray], key: str) -> Poses | None:
     if positions.shape[1:] != (3,) or numbers.shape[1] not in (3, 4, 9) or len(numbers) != len(positions):
         raise InputError(f"expected rotations and translations of as many images, got shapes {rotation.shape} and "
                          f"{moved[1].shape}", column=name)  # fmt: skip
-    return Poses.of_numbers(positions, numbers, {3: "rotvec:rad", 9: "matrix"}.get(numbers.shape[1]), _unit_in(name))
+    form = {3: "rotvec:rad", 9: "matrix"}.get(numbers.shape[1])
+    return Poses(positions, forms_of(numbers), _unit_in(name), form)
 
 
 def _unit_in(name: str) -> Unit | None:
@@ -374,7 +366,7 @@ def _flat(nodes: Iterable[YamlNode]) -> Poses:
 def _checked(numbers: FloatArray) -> Poses:
     if not len(numbers):
         raise InputError("expected poses, got none")
-    found = Poses.of_numbers(numbers[:, :3], numbers[:, 3:], "xyzw", "m")
+    found = Poses(numbers[:, :3], forms_of(numbers[:, 3:]), "m", "xyzw")
     if "xyzw" not in found.forms:
         raise InputError("expected quaternions of length 1")
     return found
@@ -426,7 +418,7 @@ class _Columns:
         return self.position + self.rotation
 
     def poses(self, numbers: Callable[[tuple[int, ...]], FloatArray]) -> Poses:
-        found = Poses.of_numbers(numbers(self.position), numbers(self.rotation), self.form, self.unit)
+        found = Poses(numbers(self.position), forms_of(numbers(self.rotation)), self.unit, self.form)
         if self.form in ("deg", "rad"):  # the unit alone is stated
             kept = {form: R for form, R in found.forms.items() if form.endswith(self.form)}
             return replace(found, forms=kept, form=None)

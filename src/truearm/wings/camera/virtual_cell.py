@@ -97,8 +97,7 @@ class VirtualCell:
         front = Rotation.from_rotvec([0.0 if in_hand else np.pi, 0.0, 0.0])  # the board's z axis points into the board
         mounted[:3, :3], mounted[:3, 3] = (front * Rotation.from_rotvec(mount[0])).as_matrix(), mount[1]
         arm = virtual.nominal
-        pose = arm.chain.with_tip(np.zeros(3)).pose(arm.working[None])
-        at_work = motion(pose.R_base_tip, pose.tip_in_base)[0] @ mounted
+        at_work = motion(*arm.chain.with_tip(np.zeros(3)).pose(arm.working[None]))[0] @ mounted
         camera_board[:3, :3], camera_board[2, 3] = Rotation.from_rotvec(view).as_matrix(), distance_mm
         between = camera_board if in_hand else np.linalg.inv(camera_board)
         return cls(virtual, lens, board, scale, at_work @ between, mounted, in_hand)
@@ -115,9 +114,8 @@ class VirtualCell:
 
     def T_camera_board(self, angles: FloatArray, motions: FloatArray | None = None) -> FloatArray:
         """(n, 4, 4) poses of the board's middle in the camera; of the nominal arm without motions."""
-        pose = self.virtual.nominal.chain.with_tip(np.zeros(3)).pose(angles, motions)
-        mounted = motion(pose.R_base_tip, pose.tip_in_base) @ self.T_flange_mounted
-        standing = np.linalg.inv(self.T_world_fixed) @ mounted
+        flange = motion(*self.virtual.nominal.chain.with_tip(np.zeros(3)).pose(angles, motions))
+        standing = np.linalg.inv(self.T_world_fixed) @ (flange @ self.T_flange_mounted)
         seen = np.linalg.inv(standing) if self.is_in_hand else standing
         return np.asarray(seen * self._front)
 

@@ -351,7 +351,7 @@ class _Chooser:
         return self.prior.with_frame() if self.artefact.kind == "tracker" else self.prior
 
     def _problem(self, candidates: Candidates) -> DesignProblem:
-        return _design_problem(self._prior, candidates, self.volume, scale=self.artefact.kind == "seat")
+        return problem_of(self._prior, candidates, self.volume, scale=self.artefact.kind == "seat")
 
     def _in_places(self, places: int, per_seat: int, *, technician: bool) -> Candidates:
         options = {"poses": per_seat, "seed": self.seed, "technician": technician, "surroundings": self.surroundings}
@@ -370,7 +370,7 @@ def information_rows(prior: Prior, poses: Candidates) -> FloatArray:
     if poses.seat is None:
         rows = project_out(J, rigid_motions(tips))
     else:  # as in `design_problem`; its target is not used
-        problem = _design_problem(prior, poses.group_by_place(), poses.angles)
+        problem = problem_of(prior, poses.group_by_place(), poses.angles)
         rows = problem.factors.reshape(-1, problem.factors.shape[2])
         if poses.length_mm is not None:  # the length of the bar is estimated too, with its certificate as prior
             certificate = np.zeros((1, rows.shape[1]))
@@ -386,8 +386,8 @@ def information_rows(prior: Prior, poses: Candidates) -> FloatArray:
     return np.where(gone, 0.0, rows)
 
 
-def _design_problem(prior: Prior, poses: Candidates, volume: FloatArray, *, scale: bool = False) -> DesignProblem:
-    """That of candidates and poses (n, n_joints) of later use."""
+def problem_of(prior: Prior, poses: Candidates, volume: FloatArray, *, scale: bool = False) -> DesignProblem:
+    """The `design_problem` of what is known, candidates and poses (n, n_joints) of later use."""
     return design_problem(
         prior.perturbed_chain,
         poses,
