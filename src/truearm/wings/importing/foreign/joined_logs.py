@@ -86,10 +86,8 @@ def join_tables(
     """
     if by == "row":
         return join_by_row(joints, points)
-    if by == "name":
-        return join_by_name(joints, points)
     if by != "time":
-        return join_by_name(joints, points, by)
+        return join_by_name(joints, points, None if by == "name" else by)
     if not standstill_s > 0 or not standstill_mm > 0:
         raise InputError("a standstill needs a time and a span above zero", hint="--still 0.5")
     of_joints, of_points = _times(joints), _times(points)
@@ -153,9 +151,8 @@ def _join(
         # t_joints - offset lies in a standstill: as an offset of the points, with all signs turned.
         turned = offset_of_points(-q.times, -still[:, ::-1][::-1]) if given_s is None else ClockOffset(given_s)
         clock = replace(turned, at_s=float(p.times.mean()))
-        tips, angles, n_skipped = _single_rows(points, joints, still, replace(clock, offset_s=-clock.offset_s))
-        said = [*said, *_single_said(joints, points, clock, len(angles), n_skipped)]
-        return replace(beside(angles, tips, said), clock=clock)
+        tips, angles, more = _single_rows(points, joints, still, replace(clock, offset_s=-clock.offset_s))
+        return replace(beside(angles, tips, [*said, _clocks(joints, points, clock), *more]), clock=clock)
     # A span of the tip in the unit of the joints, by how far both go: a tip goes as far as its joints, whatever these
     # are counted in.
     lever = float(np.linalg.norm(p.values.std(axis=0))) / float(np.linalg.norm(q.values.std(axis=0)))
@@ -164,11 +161,10 @@ def _join(
         raise _no_standstill(joints, q, span_mm / lever, seconds, "the joints")
     if p.step >= SPORADIC_S:
         clock = offset_of_points(p.times, still) if given_s is None else ClockOffset(given_s)
-        angles, tips, n_skipped = _single_rows(joints, points, still, clock)
-        said = [*said, *_single_said(joints, points, clock, len(tips), n_skipped)]
-        return replace(beside(angles, tips, said), clock=clock)
+        angles, tips, more = _single_rows(joints, points, still, clock)
+        return replace(beside(angles, tips, [*said, _clocks(joints, points, clock), *more]), clock=clock)
     clock = clock_offset(q, p, still, given_s)
-    clocks = _clocks(joints, points, clock)
+    said = [*said, _clocks(joints, points, clock)]
     p = replace(p, times=clock.to_joints(p.times))
     of_tip = standstills(p, span_mm, seconds)
     both = common_times(still, of_tip, COMMON * seconds)
@@ -176,32 +172,28 @@ def _join(
         raise _no_standstill(points, p, span_mm, seconds, "the tip" if not len(of_tip) else "both logs at once")
     angles, _ = joints.means(both)
     tips, scatter = replace(points, log=p).means(both)
-    n_skipped = len(still) - len(both)
-    u = float(np.median(scatter[:, 0]))
-    said = [*said, clocks]
     said.append(
         f"{len(both)} standstills of {seconds:g} s or more within {span_mm:g} mm, a reading each: the mean of some "
-        f"{np.median(scatter[:, 1]):.0f} points, which repeats to {u:.2g} mm"
+        f"{np.median(scatter[:, 1]):.0f} points, which repeats to {np.median(scatter[:, 0]):.2g} mm"
     )
-    if n_skipped:
+    if n_skipped := len(still) - len(both):
         said.append(f"{n_skipped} more of the joints alone skipped")
     return replace(beside(angles, tips, said), clock=clock)
 
 
-def _single_rows(resting: _Side, single: _Side, still: FloatArray, clock: ClockOffset) -> tuple[Table, Table, int]:
-    """Means of the standstills in which single rows were taken, these rows, and how many were taken in none."""
+def _single_rows(
+    resting: _Side, single: _Side, still: FloatArray, clock: ClockOffset
+) -> tuple[Table, Table, list[str]]:
+    """Means of the standstills in which single rows were taken, these rows, and what is to be said of them."""
     times = clock.to_joints(single.log.times)
     place = np.searchsorted(still[:, 0], times, side="right") - 1
     inside = (place >= 0) & (times <= still[place, 1])
     if not inside.any():
         raise single.table.error(f"no row lies in a standstill of {named(resting.table)}", hint="check --time-offset")
-    means = resting.means(still)[0].rows(place[inside])
-    return means, single.table.rows(single.log.rows[inside]), int((~inside).sum())
-
-
-def _single_said(joints: _Side, points: _Side, clock: ClockOffset, n: int, n_skipped: int) -> list[str]:
-    said = [_clocks(joints, points, clock), f"{rows_said(n)} in standstills of the other file, a reading each"]
-    return said + ([f"{n_skipped} outside of standstills skipped"] if n_skipped else [])
+    said = [f"{rows_said(int(inside.sum()))} in standstills of the other file, a reading each"]
+    if not inside.all():
+        said.append(f"{(~inside).sum()} outside of standstills skipped")
+    return resting.means(still)[0].rows(place[inside]), single.table.rows(single.log.rows[inside]), said
 
 
 def _clocks(joints: _Side, points: _Side, clock: ClockOffset) -> str:

@@ -45,7 +45,6 @@ _WRITTEN = {
     "": "- -- 1 none unitless n/a",
 }
 _MEANING = {written: unit for unit, all_written in _WRITTEN.items() for written in all_written.split()}
-_MEANING["n/a"] = ""
 # Units of one quantity, as multiples of the first one; and what that is where another unit is zero.
 _QUANTITIES: tuple[dict[str, float], ...] = (
     {"mm": 1.0, "m": 1000.0, "um": 0.001, "in": 25.4, "cm": 10.0},
