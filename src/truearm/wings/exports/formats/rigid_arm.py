@@ -217,9 +217,8 @@ def _placed(model: Compensator, nominal: Arm, poses: FloatArray, points: FloatAr
             hint="choose the chain by its links: FILE.urdf:BASE:TIP",
         )
     rough = roughly_aligned_chain(nominal, Session(poses, points), FREE_PARTS)
-    references = [Points(np.arange(len(poses)), points)]
     terms = constants(start, free=FREE_PARTS, angle_std=0.0, length_std=0.0)
-    placed = identify(rough, ArmState(rough, poses), terms, references, robust=False).chain
+    placed = _fitted(rough, terms, poses, points).chain
     error = float(np.linalg.norm(placed.tip_in_base(poses) - points, axis=1).mean())
     if error > MAX_NOMINAL_ERROR * start.reach:
         contradict(

@@ -256,6 +256,10 @@ class _Module(NamedTargets):
     def _line(self, at: int) -> int:
         return self.line_of(self.tokens[at].start)
 
+    def _end(self, at: int, word: bytes = b";") -> int:
+        """The next token that is a word, from one on; behind the last one where there is none."""
+        return next((i for i in range(at, len(self.tokens)) if self.tokens[i].word == word), len(self.tokens))
+
     def _statement(self, at: int) -> int:
         """Read what begins at a token; returns where the next begins."""
         token = self.tokens[at]
@@ -289,8 +293,7 @@ class _Module(NamedTargets):
             )
         is_call = (is_first or self.tokens[at - 1].word in _BEGINS) and token.word not in {*_NO_CALL, *_ZONES}
         if is_call and not self._assigned(at):
-            rest = map(self.tokens.__getitem__, range(at, len(self.tokens)))
-            for before, one in pairwise(takewhile(lambda one: one.text != b";", rest)):
+            for before, one in pairwise(self.tokens[at : self._end(at)]):
                 if one.kind == "name" and (before is token or before.text == b","):
                     self.passed.setdefault(one.word, at)
         if self.declared.get(token.word) in _SHAPES and (begins := self._assigned(at)):
@@ -299,13 +302,10 @@ class _Module(NamedTargets):
 
     def _is_still(self, at: int) -> bool:
         """Whether a statement certainly moves no arm: a value may be that of a function which does."""
-        if self.tokens[at].word in _STILL:
-            return True
         begins = self._assigned(at)
-        if begins is None:
-            return False
-        value = takewhile(lambda one: one.text != b";", map(self.tokens.__getitem__, range(begins, len(self.tokens))))
-        return all(token.text != b"(" for token in value)
+        return self.tokens[at].word in _STILL or (
+            begins is not None and all(one.text != b"(" for one in self.tokens[begins : self._end(begins)])
+        )
 
     def _is_conditional(self, at: int) -> bool:
         """Whether a statement is that of an IF without a THEN."""
@@ -341,9 +341,7 @@ class _Module(NamedTargets):
 
     def _record(self, at: int) -> int:
         """The types of the components of a record."""
-        end = at
-        while end < len(self.tokens) and self.tokens[end].word != b"endrecord":
-            end += 1
+        end = self._end(at, b"endrecord")
         words = [token.word for token in self.tokens[at + 2 : end] if token.kind == "name"]
         self.records[self.tokens[at + 1].word] = words[::2]
         return end + 1
@@ -462,9 +460,7 @@ class _Module(NamedTargets):
             value, end = self._list(at)
             if end < len(self.tokens) and self.tokens[end].text == b";":
                 return value, end + 1
-        end = at
-        while end < len(self.tokens) and self.tokens[end].text != b";":
-            end += 1
+        end = self._end(at)
         if end == len(self.tokens):
             raise InputError("a statement has no end: the program is cut off", line=self._line(min(at, end - 1)))
         return self.data[self.tokens[at].start : self.tokens[end].start], end + 1
