@@ -31,15 +31,15 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array, tril
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
-from scipy.special import chdtrc, chdtri, gammaln  # `scipy.stats` takes longer to import than a small fit
+from scipy.special import chdtrc, chdtri, gammaln, logsumexp  # `scipy.stats` takes longer to import than a small fit
 
 from truearm.arm.rigid_motions import cross_matrix
 from truearm.identification.estimation.perturbed_chain import chunks
 from truearm.solve.linear_algebra import inverse_root
-from truearm.typing import BoolArray, FloatArray, IntArray
+from truearm.typing import FloatArray, IntArray
 
 # A session of good readings is questioned once in five hundred.
 SIGNIFICANCE = 0.002
@@ -66,8 +66,6 @@ MAX_CHANGES = 5
 MAX_ROUNDS = 10
 # Smaller eigenvalues of products of columns of unit size are rounding.
 LEAST_EIGENVALUE = 1e-11
-# Of scores of unit size: directions of a smaller variance do not vary.
-LEAST_VARIANCE = 1e-9
 # Of a motion of which others leave a smaller share nothing is left.
 LEAST_LEFT = 1e-6
 # A kind is named alone if its odds against every other are better.
@@ -142,19 +140,22 @@ def session_changes(
         readings 20,000 are tested, evenly selected, and rows are known to the next of these.
     """
     at = _Readings(angles, dict(motions), residuals, weights, rows).evenly(MOST_READINGS).less_repeats()
-    if len(at.rows) < 2 * at.margin + 1:
+    margin = _margin(len(at.rows))
+    if len(at.rows) < 2 * margin + 1:
         return []
-    found, p_values = _steps(at)
+    found, p_values = _steps(at, margin)
     if not found:
         return []
-    drift = _best(at, [], steps=False).course
+    drift = _best(at, [], margin, steps=False)[0]
     if _log_likelihood(at, [drift], found) > _log_likelihood(at, found, found):
         found, p_values = [drift], p_values[:1]
-    described = [_describe(at, found, number, p_value, int(rows[-1])) for number, p_value in enumerate(p_values)]
+    described = [
+        _describe(at, found, number, margin, p_value, last_row=int(rows[-1])) for number, p_value in enumerate(p_values)
+    ]
     return sorted(described, key=lambda change: change.row)
 
 
-def _steps(at: _Readings) -> tuple[list[_Course], list[float]]:
+def _steps(at: _Readings, margin: int) -> tuple[list[_Course], list[float]]:
     """Steps found in turn, and the p-value of each; each at the best row beside the others."""
     found: list[_Course] = []
     p_values: list[float] = []
@@ -162,10 +163,10 @@ def _steps(at: _Readings) -> tuple[list[_Course], list[float]]:
         p_value = _significance(at, _without(at, found))
         if p_value is None:
             break
-        step = _best(at, found, steps=True)
-        if step.likelihoods[step.course.what].max() < 0:  # not worth its motions
+        step, likelihoods = _best(at, found, margin, steps=True)
+        if likelihoods[step.what].max() < 0:  # not worth its motions
             break
-        found.append(step.course)
+        found.append(step)
         p_values.append(p_value)
         before: list[_Course] = []
         for _ in range(MAX_ROUNDS):
@@ -173,7 +174,7 @@ def _steps(at: _Readings) -> tuple[list[_Course], list[float]]:
                 break
             before = list(found)
             for number in range(len(found)):
-                found[number] = _best(at, found[:number] + found[number + 1 :], steps=True).course
+                found[number] = _best(at, found[:number] + found[number + 1 :], margin, steps=True)[0]
     return found, p_values
 
 
@@ -186,36 +187,13 @@ class _Readings:
     residuals: FloatArray
     weights: FloatArray
     rows: IntArray
-    moved: dict[_Course, tuple[FloatArray, FloatArray]] = field(default_factory=dict, init=False)
     identified: dict[tuple[_Course, ...], _Identified] = field(default_factory=dict, init=False)
-    products: dict[tuple[_Course, ...], dict[str, _StepProducts]] = field(default_factory=dict, init=False)
-    best: dict[tuple[Any, ...], _Best] = field(default_factory=dict, init=False)
-
-    @property
-    def margin(self) -> int:
-        """Readings on both sides of a step, at least."""
-        return _margin(len(self.rows))
+    likelihoods: dict[tuple[Any, ...], dict[str, FloatArray]] = field(default_factory=dict, init=False)
 
     @cached_property
     def together(self) -> FloatArray:
         """(n, 3, p) all motions."""
         return np.concatenate(list(self.motions.values()), axis=2)
-
-    @cached_property
-    def by_motion(self) -> FloatArray:
-        """(p, 3, n) all motions, of each the readings in a row."""
-        return _by_column(self.together)
-
-    @cached_property
-    def roots(self) -> FloatArray:
-        """(3, n) roots of the weights."""
-        return np.sqrt(np.ascontiguousarray(self.weights.T))
-
-    @cached_property
-    def measured(self) -> tuple[BoolArray, int]:
-        """(3,) the axes that were measured, and the number of readings."""
-        measured = self.weights > 0
-        return np.asarray(measured.any(axis=0)), int(measured.any(axis=1).sum())
 
     @cached_property
     def columns(self) -> dict[str, slice]:
@@ -237,8 +215,8 @@ class _Readings:
         """(n, n) what takes from a value at each reading the mean of those at similar poses, by weight (n,)."""
         (n, k), weight = self.nearest.shape, weight[self.nearest]
         share = weight / np.maximum(weight.sum(axis=1, keepdims=True), np.finfo(float).tiny)
-        values, rows = np.insert(-share, 0, 1.0, axis=1), np.insert(self.nearest, 0, np.arange(n), axis=1)
-        return csr_array((values.ravel(), rows.ravel(), np.arange(0, n * (k + 1) + 1, k + 1)), shape=(n, n))
+        mean = csr_array((share.ravel(), self.nearest.ravel(), np.arange(0, n * k + 1, k)), shape=(n, n))
+        return eye_array(n, format="csr") - mean
 
     @cached_property
     def plain_contrast(self) -> csr_array:
@@ -250,82 +228,69 @@ class _Readings:
         """(n, n) of each reading with those at the most similar poses, by weight."""
         return self._less_nearest(self.weights.mean(axis=1))
 
-    @cached_property
-    def back(self) -> csr_array:
-        """(n, n) the transpose of the contrast."""
-        return csr_array(self.contrast.T)
-
-    def differences(self, columns: FloatArray) -> FloatArray:
-        """(k, 3 n) of columns (n, 3, k) from those at like poses, whitened."""
-        found = _by_column((self.contrast @ columns.reshape(len(columns), -1)).reshape(columns.shape))
-        found *= self.roots
-        return found.reshape(len(found), -1)
-
-    def towards(self, differences: FloatArray) -> FloatArray:
-        """(q, 3, n) whose products with columns are those of the differences of the columns with these (q, 3 n)."""
-        weighed = (self.roots * differences.reshape(-1, *self.roots.shape)).reshape(-1, len(self.rows))
-        return np.ascontiguousarray((self.back @ weighed.T).T).reshape(-1, *self.roots.shape)
+    def weighed(self, columns: FloatArray) -> FloatArray:
+        """(n, 3, p) columns times the weights of products with their differences from those at like poses."""
+        n = len(columns)
+        differences = (self.contrast @ columns.reshape(n, -1)).reshape(columns.shape)
+        differences *= self.weights[:, :, None]
+        return np.asarray((self.contrast.T @ differences.reshape(n, -1)).reshape(columns.shape))
 
     @cached_property
-    def own_products(self) -> dict[str, _StepProducts]:
-        """By kind, beside nothing: of each reading with itself and those before it, by the products of all pairs."""
-        n, earlier = len(self.rows), np.empty_like(self.together)
+    def weighed_together(self) -> FloatArray:
+        """(n, 3, p) all motions, weighed."""
+        return self.weighed(self.together)
+
+    @cached_property
+    def of_constant(self) -> tuple[FloatArray, FloatArray]:
+        """(p, p) products of all motions with themselves, weighed, and (p,) their sizes."""
+        return _products(self.together, self.weighed_together), _products(self.together**2, self.weights)
+
+    @cached_property
+    def products(self) -> FloatArray:
+        """(p, p, n) products of all motions up to each reading with all motions, weighed."""
+        return _up_to_each(self.together, self.weighed_together)
+
+    @cached_property
+    def own_products(self) -> dict[str, FloatArray]:
+        """(k, k, n) by kind products of the motions up to each reading with themselves, weighed."""
+        n, earlier, back = len(self.rows), np.empty_like(self.together), csr_array(self.contrast.T)
         left = set(range(3))
         while left:  # axes, often of the same weights
             weight = self.weights[:, min(left)]
             alike = [axis for axis in left if (self.weights[:, axis] == weight).all()]
             left.difference_update(alike)
-            precision = csr_array(self.back @ (weight[:, None] * self.contrast))
-            rows = np.repeat(np.arange(n), np.diff(precision.indptr))
-            precision.data *= (precision.indices < rows) + 0.5 * (precision.indices == rows)
-            precision.eliminate_zeros()
+            precision = tril(back @ (weight[:, None] * self.contrast), format="csr")
+            precision.setdiag(precision.diagonal() / 2)
             earlier[:, alike] = (precision @ self.together[:, alike].reshape(n, -1)).reshape(n, len(alike), -1)
-        earlier, residuals, found = _by_column(earlier), self.towards(self.differences(self.residuals[:, :, None])), {}
-        for what, of in self.columns.items():
-            half, right = (_up_to_each(self.by_motion[of], one, self.margin) for one in (earlier[of], residuals))
-            found[what] = _StepProducts([one[row:] + half[row:, row] for row, one in enumerate(half)], right[:, 0])
-        return found
+        half = {what: _up_to_each(self.together[..., of], earlier[..., of]) for what, of in self.columns.items()}
+        return {what: of + of.transpose(1, 0, 2) for what, of in half.items()}
 
     @cached_property
-    def plain_constant(self) -> tuple[FloatArray, FloatArray]:
-        """(p, 3 n) all motions times the weights, and the root of their products."""
-        plain = self.by_motion.reshape(len(self.by_motion), -1)
-        weighted = plain * self.weights.T.ravel()
-        return weighted, inverse_root(weighted @ plain.T, LEAST_EIGENVALUE)
+    def _smooth(self) -> tuple[FloatArray, FloatArray] | None:
+        """Cubic functions of each joint and distances from some poses, (p, n), and the root of their weighed products.
 
-    @cached_property
-    def _smooth(self) -> tuple[list[FloatArray], FloatArray] | None:
-        """Cubic functions of each joint and distances from some poses, and the root of their weighed products.
-
-        (p, n) in parts, whose products are formed while they are in the cache; None where too few readings would
-        determine them.
+        None where too few readings would determine them.
         """
         z = _standardized(self.angles)
         powers = np.vstack([np.ones(len(z)), z.T, z.T**2, z.T**3])
-        n_functions = min(len(z) // READINGS_PER_FUNCTION, MAX_FUNCTIONS)
-        if n_functions < len(powers):
+        smooth = np.empty((min(len(z) // READINGS_PER_FUNCTION, MAX_FUNCTIONS), len(z)))
+        if len(smooth) < len(powers):
             return None
-        poses = z[np.linspace(0, len(z) - 1, n_functions - len(powers), dtype=int)]
-        gram, roots, parts = np.zeros((n_functions, n_functions)), np.sqrt(self.weights.mean(axis=1)), []
+        smooth[: len(powers)], distances = powers, smooth[len(powers) :]
+        cdist(z[np.linspace(0, len(z) - 1, len(distances), dtype=int)], z, out=distances)
+        gram, roots = np.zeros((len(smooth),) * 2), np.sqrt(self.weights.mean(axis=1))
         for rows in chunks(len(z)):
-            part = np.empty((n_functions, len(z[rows])))
-            part[: len(powers)] = powers[:, rows]
-            cdist(poses, z[rows], out=part[len(powers) :])
-            weighed = part * roots[rows]
+            weighed = smooth[:, rows] * roots[rows]
             gram += weighed @ weighed.T
-            parts.append(part)
-        return parts, inverse_root(gram, LEAST_EIGENVALUE)
+        return smooth, inverse_root(gram, LEAST_EIGENVALUE)
 
     def less_smooth(self, residuals: FloatArray) -> FloatArray:
         """Residuals less what is smooth in the joints."""
         if self._smooth is None:
             return residuals
-        parts, root = self._smooth
-        weighted = self.weights.mean(axis=1) * residuals.T
-        # As rows, not columns: that is how the parts lie.
-        along = sum(weighted[:, rows] @ part.T for rows, part in zip(chunks(len(residuals)), parts, strict=True))
-        along = (root @ (root.T @ along.T)).T
-        return np.asarray(residuals - np.concatenate([along @ part for part in parts], axis=1).T)
+        smooth, root = self._smooth
+        along = smooth @ (self.weights.mean(axis=1)[:, None] * residuals)
+        return np.asarray(residuals - smooth.T @ (root @ (root.T @ along)))
 
     def evenly(self, most: int) -> _Readings:
         """No more than `most` of them, evenly selected in their order."""
@@ -390,10 +355,10 @@ def _significance(at: _Readings, residuals: FloatArray) -> float | None:
     for is_smooth_left in (True, False) if len(residuals) >= LIMIT_READINGS else (False, True):
         some = residuals if is_smooth_left else at.less_smooth(residuals)
         scores = np.einsum("nip,ni->np", at.together, at.weights * some)
-        contrasts = np.ascontiguousarray((at.plain_contrast @ scores).T)
-        contrasts -= contrasts.mean(axis=1, keepdims=True)
-        whitened = [_whitened(contrasts[of]) for of in at.columns.values()]
-        p_value = _p_value([white for white in whitened if len(white)])
+        contrasts = np.asfortranarray(at.plain_contrast @ scores)
+        contrasts -= contrasts.mean(axis=0)
+        whitened = [_whitened(contrasts[:, of]) for of in at.columns.values()]
+        p_value = _p_value([white for white in whitened if white.shape[1]])
         if p_value is None:
             return None
         p_values.append(p_value)
@@ -402,26 +367,25 @@ def _significance(at: _Readings, residuals: FloatArray) -> float | None:
 
 def _p_value(whitened: list[FloatArray]) -> float | None:
     """Probability of a step as clear as the clearest of any kind if nothing changed; None if it is not significant."""
-    n = whitened[0].shape[1] if whitened else 0
+    within, largest, n = [], 0.0, len(whitened[0]) if whitened else 0
     margin = _margin(n)
     if n < 2 * margin + 1:
         return None
-    white, widths, factors = np.concatenate(whitened), [len(one) for one in whitened], _factors(n, margin)
-    kinds, sums = np.cumsum([0, *widths[:-1]]), np.cumsum(white, axis=1)
-    likeliest = np.argmax(np.add.reduceat(sums[:, margin - 1 : n - margin] ** 2, kinds) * factors, axis=1)
-    step, factor = (np.repeat(of, widths) for of in (margin + likeliest, factors[likeliest]))
-    before, after = sums[np.arange(len(white)), step - 1], sums[:, -1]
-    means = (before / step)[:, None], ((after - before) / (n - step))[:, None]
-    within = white - np.where(np.arange(n) < step[:, None], *means)
-    largest = _clearness(np.add.reduceat(before**2 / _long_run_ratio(within) * factor, kinds), widths).max()
+    cut = slice(margin, n - margin + 1)
+    for white in whitened:
+        step = margin + int(np.argmax(_statistics(white)[cut]))
+        without = _without_step(white, step)
+        sums = white[:step].sum(axis=0) ** 2 / _long_run_ratio(without)
+        largest = max(largest, _clearness(float(sums.sum()) * n / (step * (n - step)), white.shape[1]))
+        within.append(without)
     if largest < -np.log(LARGEST_TAIL):
         return None
-    of_kinds = [_whitened(one) for one in np.split(within, kinds[1:])]
-    widths = [len(one) for one in of_kinds]
+    within = [_whitened(one) for one in within]
+    widths = [one.shape[1] for one in within]
     limits = chdtri(widths, np.exp(-min(largest, 700.0)))  # as clear as this
     probability = float(sum(_limit_probability(x, k, margin / n) for x, k in zip(limits, widths, strict=True)))
     if n < LIMIT_READINGS and probability > NO_DOUBT:
-        probability = _share_of_orders(of_kinds, limits, margin)
+        probability = _share_of_orders(within, limits, margin)
     return probability if probability <= SIGNIFICANCE else None
 
 
@@ -439,22 +403,22 @@ def _limit_probability(statistic: float, freedom: int, trimmed: float) -> float:
 
 def _share_of_orders(within: list[FloatArray], limits: FloatArray, margin: int) -> float:
     """Share of random orders of the scores with a statistic beyond its limit; 1 as soon as it cannot be significant."""
-    together, kinds = np.concatenate(within), np.cumsum([0, *(len(one) for one in within[:-1])])
-    rng, exceeded, n = np.random.default_rng(0), 0, together.shape[1]
-    factors = _factors(n, margin)
+    rng, exceeded, n = np.random.default_rng(0), 0, len(within[0])
+    together = np.ascontiguousarray(np.hstack(within).T)
+    kinds = np.cumsum([0, *(one.shape[1] for one in within[:-1])])
     for _ in range(N_ORDERS):
         sums = np.cumsum(together[:, rng.permutation(n)], axis=1)[:, margin - 1 : n - margin]
-        statistics = np.add.reduceat(sums**2, kinds) * factors
+        statistics = np.add.reduceat(sums**2, kinds) * _factors(n)[margin : n - margin + 1]
         exceeded += bool((statistics.max(axis=1) >= limits).any())
         if exceeded > SIGNIFICANCE * (N_ORDERS + 1) - 1:
             return 1.0
     return (exceeded + 1) / (N_ORDERS + 1)
 
 
-def _clearness(statistics: FloatArray, freedom: list[int]) -> FloatArray:
-    """Minus the logarithm of the tail probability of each."""
+def _clearness(statistic: float, freedom: int) -> float:
+    """Minus the logarithm of its tail probability."""
     with np.errstate(divide="ignore"):  # a probability below the smallest number
-        return np.asarray(-np.log(chdtrc(freedom, statistics)))
+        return -float(np.log(chdtrc(freedom, statistic)))
 
 
 def _standardized(angles: FloatArray) -> FloatArray:
@@ -463,44 +427,46 @@ def _standardized(angles: FloatArray) -> FloatArray:
 
 
 def _whitened(scores: FloatArray) -> FloatArray:
-    """Scores (k, n) without a mean, with a unit covariance; directions that do not vary are omitted."""
-    return np.asarray(inverse_root(scores @ scores.T / scores.shape[1], LEAST_VARIANCE).T @ scores)
+    """Scores with a unit covariance; directions that do not vary are omitted."""
+    scaled = scores / np.maximum(scores.std(axis=0), np.finfo(float).tiny)
+    values, axes = np.linalg.eigh(scaled.T @ scaled / len(scores))
+    varies = values > 1e-9
+    # Each column in one piece: sums over the readings take a third of the time.
+    return np.asarray(((axes[:, varies] / np.sqrt(values[varies])).T @ scaled.T).T)
 
 
-def _factors(n: int, margin: int) -> FloatArray:
-    """By which a squared sum of whitened scores becomes the statistic of a step after them; of a margin and more."""
-    before = np.arange(margin, n - margin + 1)
-    return np.asarray(n / (before * (n - before)))
+def _factors(n: int) -> FloatArray:
+    """(n + 1,) by which a squared sum of that many whitened scores becomes the statistic of a step after them."""
+    before = np.arange(1, n)
+    return np.pad(n / (before * (n - before)), 1)
+
+
+def _statistics(white: FloatArray) -> FloatArray:
+    """(n + 1,) the statistic of a step after each number of readings; zero at the ends."""
+    return np.pad((np.cumsum(white, axis=0) ** 2).sum(axis=1), (1, 0)) * _factors(len(white))
+
+
+def _without_step(white: FloatArray, step: int) -> FloatArray:
+    """Scores less the means of both parts."""
+    without = np.copy(white)
+    for part in (without[:step], without[step:]):
+        part -= part.mean(axis=0)
+    return without
 
 
 def _long_run_ratio(white: FloatArray) -> FloatArray:
-    """(k,) long-run over plain variance of white (k, n), 1 or more: Bartlett's kernel over the cube root of n lags.
+    """Long-run over plain variance of each column, 1 or more: Bartlett's kernel over the cube root of n lags.
 
     Squared sums of as many consecutive values contain each product of two as often as that kernel weighs it.
     """
-    many = 1 + max(1, int(np.ceil(white.shape[1] ** (1 / 3))))
-    sums = np.cumsum(np.pad(white, ((0, 0), (many, many - 1))), axis=1)
-    spans = sums[:, many:] - sums[:, :-many]
-    long_run, plain = (np.einsum("kn,kn->k", of, of) for of in (spans, white))
-    return np.asarray(np.maximum(long_run / many / plain, 1.0))
+    n = len(white)
+    many = 1 + max(1, int(np.ceil(n ** (1 / 3))))
+    sums = np.cumsum(np.pad(white, ((many, many - 1), (0, 0))), axis=0)
+    long_run = ((sums[many:] - sums[:-many]) ** 2).sum(axis=0) / many
+    return np.asarray(np.maximum(long_run / (white**2).sum(axis=0), 1.0))
 
 
 # What changed, and where ----------------------------------------------------------------------------------------------
-
-
-class _StepProducts(NamedTuple):
-    """Products of the differences by a step at each row, of the motions of a kind before it, beside what is identified.
-
-    Attributes
-    ----------
-    triangle : list of (k, n_steps), (k - 1, n_steps), ... array
-        Of each motion with itself and with those after it.
-    right : (k, n_steps) array
-        With the differences of the residuals.
-    """
-
-    triangle: list[FloatArray]
-    right: FloatArray
 
 
 class _Identified(NamedTuple):
@@ -508,162 +474,120 @@ class _Identified(NamedTuple):
 
     Attributes
     ----------
-    moved : (k, 3 n) array
-        Differences by the last of them beside the others.
-    root : (k, r) array
-        Its products with itself are the pseudoinverse of those of `moved`.
-    along : (r,) array
-        Of the residuals, along these.
-    left : (3 n,) array
-        Differences of the residuals less all these from those at like poses, whitened.
+    columns, weighed : list of (n, 3, p) array
+        Displacements by all motions, and by the changes; these weighed.
+    root : (p, r) array
+        Its products with itself are the pseudoinverse of those of the columns.
+    coefficients : (p,) array
+    left : (n, 3) array
+        Residuals less these.
+    differences : (n, 3) array
+        Of these from those at like poses, whitened.
     """
 
-    moved: FloatArray
+    columns: list[FloatArray]
+    weighed: list[FloatArray]
     root: FloatArray
-    along: FloatArray
+    coefficients: FloatArray
     left: FloatArray
-
-
-class _Best(NamedTuple):
-    """The most probable change beside others, at its likeliest row.
-
-    Attributes
-    ----------
-    course : _Course
-    log_odds : dict of str to float
-        Logarithm of the probability of each kind, the most probable first.
-    likelihoods : dict of str to array
-        Log likelihoods by kind: of steps at all rows, of drifts one.
-    """
-
-    course: _Course
-    log_odds: dict[str, float]
-    likelihoods: dict[str, FloatArray]
-
-
-def _moved(at: _Readings, course: _Course) -> tuple[FloatArray, FloatArray]:
-    """(k, 3 n) differences by a change beside constant motions, and (k,) its size; once for the same change."""
-    if (found := at.moved.get(course)) is None:
-        columns = course.over(len(at.rows))[:, None, None] * at.motions[course.what]
-        moved = _beside(at.differences(columns), [_identified(at, [])])
-        found = at.moved[course] = moved, np.einsum("nik,nik,ni->k", columns, columns, at.weights)
-    return found
+    differences: FloatArray
 
 
 def _identified(at: _Readings, courses: Sequence[_Course]) -> _Identified:
     """Once for the same changes."""
-    if (found := at.identified.get(tuple(courses))) is None:
-        if courses:
-            before = [_identified(at, courses[:number]) for number in range(len(courses))]
-            left, (moved, size) = before[-1].left, _moved(at, courses[-1])
-            moved = _beside(moved, before[1:])
-        else:
-            left, moved = at.differences(at.residuals[:, :, None])[0], at.differences(at.together)
-            # What is constant has no differences: by its own size it stays zero.
-            size = np.einsum("pin,pin,in->p", at.by_motion, at.by_motion, at.weights.T)
-        root = inverse_root(moved @ moved.T, LEAST_EIGENVALUE, size)
-        along = root.T @ (moved @ left)
-        found = at.identified[tuple(courses)] = _Identified(moved, root, along, left - (root @ along) @ moved)
+    if (found := at.identified.get(tuple(courses))) is not None:
+        return found
+    columns, weighed, n = [at.together], [at.weighed_together], len(at.rows)
+    # What is constant has no differences: by its own size it stays zero.
+    gram, size = at.of_constant
+    if courses:
+        columns.append(np.concatenate([one.over(n)[:, None, None] * at.motions[one.what] for one in courses], axis=2))
+        weighed.append(at.weighed(columns[1]))
+        across, own = (_products(one, weighed[1]) for one in columns)
+        gram = np.block([[gram, across], [across.T, own]])
+        size = np.concatenate([size, _products(columns[1] ** 2, at.weights)])
+    root = inverse_root(gram, LEAST_EIGENVALUE, size)
+    coefficients = root @ (root.T @ np.concatenate([_products(one, at.residuals) for one in weighed]))
+    parts = np.split(coefficients, [at.together.shape[2]])
+    left = at.residuals - sum(one @ part for one, part in zip(columns, parts, strict=False))
+    found = _Identified(columns, weighed, root, coefficients, left, np.sqrt(at.weights) * (at.contrast @ left))
+    at.identified[tuple(courses)] = found
     return found
-
-
-def _beside(differences: FloatArray, others: Sequence[_Identified]) -> FloatArray:
-    """Differences (k, 3 n) less what others explain of them."""
-    for other in others:
-        differences = differences - (differences @ other.moved.T @ other.root @ other.root.T) @ other.moved
-    return differences
-
-
-def _step_products(at: _Readings, courses: Sequence[_Course]) -> dict[str, _StepProducts]:
-    """By kind, beside constant motions and some changes; once for the same ones."""
-    if (found := at.products.get(tuple(courses))) is None:
-        last, before = _identified(at, courses), _step_products(at, courses[:-1]) if courses else at.own_products
-        towards, found = at.towards(last.root.T @ last.moved), {}
-        for what, (triangle, right) in before.items():
-            taken = _up_to_each(at.by_motion[at.columns[what]], towards, at.margin)
-            less = [np.einsum("rn,qrn->qn", one, taken[row:]) for row, one in enumerate(taken)]
-            left = [one - other for one, other in zip(triangle, less, strict=True)]
-            found[what] = _StepProducts(left, right - last.along @ taken)
-        at.products[tuple(courses)] = found
-    return found
-
-
-def _solved(at: _Readings, courses: Sequence[_Course]) -> list[FloatArray]:
-    """The motion (k,) of each of some changes, beside constant motions."""
-    moved, sizes = zip(*(_moved(at, one) for one in courses), strict=True)
-    together = np.concatenate(moved)
-    root = inverse_root(together @ together.T, LEAST_EIGENVALUE, np.concatenate(sizes))
-    return np.split(root @ (root.T @ (together @ _identified(at, []).left)), np.cumsum([len(of) for of in sizes]))[:-1]
 
 
 def _without(at: _Readings, courses: list[_Course]) -> FloatArray:
     """Residuals without changes, any constant motion being identified: differences alone do not determine that."""
     if not courses:
         return at.residuals
-    residuals = at.residuals.T.copy()
-    for course, motion in zip(courses, _solved(at, courses), strict=True):
-        residuals -= course.over(len(at.rows)) * (at.motions[course.what] @ motion).T
-    weighted, root = at.plain_constant
-    for _ in range(2):  # of motions that are nearly alike the second takes what rounding has left
-        residuals -= np.tensordot(root @ (root.T @ (weighted @ residuals.ravel())), at.by_motion, 1)
-    return residuals.T
+    constant, changes = at.together, _identified(at, courses)
+    residuals = at.residuals - changes.columns[1] @ changes.coefficients[constant.shape[2] :]
+    weighted = at.weights[:, :, None] * constant
+    root = inverse_root(_products(constant, weighted), LEAST_EIGENVALUE)
+    return np.asarray(residuals - constant @ (root @ (root.T @ _products(weighted, residuals))))
 
 
-def _by_column(values: FloatArray) -> FloatArray:
-    """(p, 3, n) columns (n, 3, p), of each the readings in a row."""
-    return np.ascontiguousarray(values.transpose(2, 1, 0))
+def _products(columns: FloatArray, others: FloatArray) -> FloatArray:
+    """(p, ...) products of columns (n, 3, p) with others (n, 3, ...)."""
+    return np.tensordot(columns, others, axes=((0, 1), (0, 1)))
 
 
-def _up_to_each(columns: FloatArray, others: FloatArray, margin: int) -> FloatArray:
-    """(p, q, n_steps) products of columns (p, 3, n) before a step at each row with others (q, 3, n)."""
-    both = columns, others
-    products = np.einsum("pin,qin->pqn", *(of[..., margin - 1 : of.shape[-1] - margin] for of in both))
-    products[..., 0] += np.einsum("pin,qin->pq", *(of[..., : margin - 1] for of in both))
+def _up_to_each(columns: FloatArray, others: FloatArray) -> FloatArray:
+    """(p, q, n) products of columns (n, 3, p) up to each reading with others (n, 3, q)."""
+    one, other = (np.ascontiguousarray(of.transpose(2, 1, 0)) for of in (columns, others))
+    products = np.einsum("pin,qin->pqn", one, other)
     return np.cumsum(products, axis=-1, out=products)
 
 
-def _best(at: _Readings, others: list[_Course], *, steps: bool) -> _Best:
-    """The most probable kind of step or drift beside other changes; once beside the same."""
-    if (found := at.best.get((steps, *others))) is None:
-        likelihoods = _log_likelihoods(at, others, steps=steps)
-        # Any row is as probable as any other.
-        evidence = {what: _log_sum(of) for what, of in likelihoods.items()}
-        total = _log_sum(np.array(list(evidence.values())))
-        odds = {what: of - total for what, of in sorted(evidence.items(), key=lambda one: -one[1])}
-        what = next(iter(odds))
-        course = _Course(what, at.margin + int(np.argmax(likelihoods[what])) if steps else 0)
-        found = at.best[steps, *others] = _Best(course, odds, likelihoods)
-    return found
+def _best(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> tuple[_Course, dict[str, FloatArray]]:
+    """The most probable kind of step or drift beside other changes, at its likeliest row; log likelihoods by kind.
+
+    Of steps at all rows, of drifts one.
+    """
+    if (found := at.likelihoods.get((steps, *others))) is None:
+        found = at.likelihoods[steps, *others] = _log_likelihoods(at, others, margin, steps=steps)
+    best = next(iter(_log_odds(found)))
+    return _Course(best, margin + int(np.argmax(found[best])) if steps else 0), found
 
 
-def _log_sum(logarithms: FloatArray) -> float:
-    """Logarithm of the sum of numbers by their logarithms; `scipy.special.logsumexp` took a seventh of the search."""
-    largest = logarithms.max()
-    return float(largest + np.log(np.exp(logarithms - largest).sum()))
+def _log_odds(likelihoods: dict[str, FloatArray]) -> dict[str, float]:
+    """Logarithm of the probability of each kind, the most probable first: any row is as probable as any other."""
+    evidence = {what: float(logsumexp(of)) for what, of in likelihoods.items()}
+    total = float(logsumexp(list(evidence.values())))
+    return {what: of - total for what, of in sorted(evidence.items(), key=lambda one: -one[1])}
 
 
-def _log_likelihoods(at: _Readings, others: list[_Course], *, steps: bool) -> dict[str, FloatArray]:
+def _log_likelihoods(at: _Readings, others: list[_Course], margin: int, *, steps: bool) -> dict[str, FloatArray]:
     """Log likelihoods of a change beside others, by kind; of steps at all rows, of drifts one.
 
     Beside constant motions it is the same whether a motion is there before or after a step. Of its products with
-    itself and with the residuals sums over the readings before it are enough: those of all rows are one cumulated sum.
+    itself, with the constant columns and with the residuals sums over the readings before it are enough: those of all
+    rows are one cumulated sum.
     """
-    n, beside = len(at.rows), [_identified(at, others[:number]) for number in range(len(others) + 1)]
-    square = max(float((beside[-1].left ** 2).sum()), np.finfo(float).tiny)
+    n, p, beside = len(at.rows), at.together.shape[2], _identified(at, others)
+    square = max(float((beside.differences**2).sum()), np.finfo(float).tiny)
+    towards_all = at.contrast.T @ (np.sqrt(at.weights) * beside.differences)
+    rest = np.concatenate([*beside.weighed[1:], towards_all[:, :, None]], axis=2)
     if steps:
-        products = _step_products(at, others)
-        size = {what: [one[0] for one in of.triangle] for what, of in at.own_products.items()}
+        cut = slice(margin - 1, n - margin)
+        own = {what: of[:, :, cut] for what, of in at.own_products.items()}
+        with_constant, with_rest = at.products[:, :, cut], _up_to_each(at.together, rest)[:, :, cut]
     else:
-        plain = at.differences(np.linspace(0.0, 1.0, n)[:, None, None] * at.together)
-        moved, products = _beside(plain, beside), {}
-        gram, right = (moved @ moved.T)[:, :, None], (moved @ beside[-1].left)[:, None]
-        for what, of in at.columns.items():
-            triangle = [one[row : of.stop] for row, one in enumerate(gram[of], of.start)]
-            products[what] = _StepProducts(triangle, right[of])
-        size = {what: (plain[of] ** 2).sum(axis=1) for what, of in at.columns.items()}
-    found = {what: np.maximum(square - _explained(*products[what], size[what]), 1e-12 * square) for what in products}
+        ramp = np.linspace(0.0, 1.0, n)[:, None, None] * at.together
+        of_both = _products(ramp, at.weighed(ramp))[:, :, None]
+        own = {what: of_both[of, of] for what, of in at.columns.items()}
+        with_constant, with_rest = (_products(ramp, one)[:, :, None] for one in (at.weighed_together, rest))
+    taken = np.empty((p, beside.root.shape[1], with_rest.shape[2]))
+    constant, changing = np.split(beside.root.T, [p], axis=1)
+    for one, all_constant, changes in zip(taken, with_constant, with_rest[:, :-1], strict=True):  # each in the cache
+        np.matmul(constant, all_constant, out=one)
+        one += changing @ changes
+    found = {}
+    for what, of in at.columns.items():
+        gram = own[what] - np.einsum("pin,qin->pqn", taken[of], taken[of])
+        gain = _explained(gram, with_rest[of, -1], np.einsum("ppn->pn", own[what]))
+        found[what] = np.maximum(square - gain, 1e-12 * square)
     least = min(found, key=lambda what: float(found[what].min()))
-    best = _Course(least, at.margin + int(np.argmin(found[least])) if steps else 0)
+    best = _Course(least, margin + int(np.argmin(found[least])) if steps else 0)
     freedom = _freedom(at, [*others, best])
     return {
         what: -freedom / 2 * np.log(of / square) - at.motions[what].shape[2] / 2 * np.log(n) - steps * np.log(n)
@@ -671,49 +595,48 @@ def _log_likelihoods(at: _Readings, others: list[_Course], *, steps: bool) -> di
     }
 
 
-def _explained(triangle: list[FloatArray], right: FloatArray, size: Sequence[FloatArray] | FloatArray) -> FloatArray:
-    """(n,) squares that motions explain, by their products, as of `_StepProducts`.
+def _explained(gram: FloatArray, right: FloatArray, size: FloatArray) -> FloatArray:
+    """(n,) squares that motions explain, by their products (k, k, n) and those with the residuals (k, n).
 
-    By elimination; motions of which less than a share of their `size`, numbers or (n,) arrays, is left explain nothing.
+    By elimination; motions of which less than a share of their `size` (k, n) is left explain nothing.
     """
-    triangle, right, gain = [*triangle], right.copy(), np.zeros(right.shape[1])
-    for row, pivot_size in enumerate(size):
-        pivot, *across = triangle[row]
-        inverse = np.divide(1.0, pivot, out=np.zeros_like(gain), where=pivot > LEAST_LEFT * pivot_size)
-        gain += right[row] ** 2 * inverse
-        for after, one in enumerate(across, 1):
-            share = one * inverse
-            right[row + after] -= share * right[row]
-            triangle[row + after] = triangle[row + after] - share * triangle[row][after:]
+    gain, right = np.zeros(right.shape[1]), right.copy()
+    for k, pivot in enumerate(np.einsum("ppn->pn", gram)):
+        inverse = np.divide(1.0, pivot, out=np.zeros_like(pivot), where=pivot > LEAST_LEFT * size[k])
+        gain += right[k] ** 2 * inverse
+        share = gram[k + 1 :, k] * inverse
+        right[k + 1 :] -= share * right[k]
+        gram[k + 1 :, k + 1 :] -= share[:, None] * gram[k, k + 1 :]
     return gain
 
 
 def _log_likelihood(at: _Readings, courses: list[_Course], best: list[_Course]) -> float:
     """Of some changes together, less what their motions and rows cost; the noise as it is without the best ones."""
-    n, left = len(at.rows), _identified(at, courses).left
+    n, left = len(at.rows), _identified(at, courses).differences
     cost = sum(at.motions[one.what].shape[2] / 2 + (one.step > 0) for one in courses) * np.log(n)
     return float(-_freedom(at, best) / 2 * np.log((left**2).sum()) - cost)
 
 
 def _freedom(at: _Readings, courses: list[_Course]) -> float:
     """Number of coordinates that are independent, of what some changes leave over on axes that were measured."""
-    axes, number = at.measured
-    left = _identified(at, courses).left.reshape(3, -1)[axes]
-    return float(number * len(left) / _long_run_ratio(left).mean())
+    left = _identified(at, courses).differences[:, (at.weights > 0).any(axis=0)]
+    return float((at.weights > 0).any(axis=1).sum() * left.shape[1] / _long_run_ratio(left).mean())
 
 
-def _describe(at: _Readings, found: list[_Course], number: int, p_value: float, last_row: int) -> Change:
+def _describe(
+    at: _Readings, found: list[_Course], number: int, margin: int, p_value: float, *, last_row: int
+) -> Change:
     """Kind, row and size of a change beside the others: as these show it, so that its odds are of this kind."""
     steps, others = found[number].step > 0, found[:number] + found[number + 1 :]
-    course, log_odds, likelihoods = _best(at, others, steps=steps)
-    n, rows = len(at.rows), at.rows
-    odds = {what: float(np.exp(of)) for what, of in log_odds.items() if np.exp(of) > LEAST_PROBABILITY}
-    motion = -_solved(at, [*others, course])[-1]
-    shift = float(np.sqrt(((at.motions[course.what] @ motion) ** 2).sum(axis=1).mean()))
+    course, likelihoods = _best(at, others, margin, steps=steps)
+    n, rows, motions = len(at.rows), at.rows, at.motions[course.what]
+    odds = {what: float(np.exp(of)) for what, of in _log_odds(likelihoods).items() if np.exp(of) > LEAST_PROBABILITY}
+    motion = -_identified(at, [*others, course]).coefficients[-motions.shape[2] :]
+    shift = float(np.sqrt(((motions @ motion) ** 2).sum(axis=1).mean()))
     if not steps:
         return Change("drift", course.what, odds, int(rows[n // 2]), int(rows[0]), last_row, shift, motion, p_value)
-    below = np.cumsum(np.exp(likelihoods[course.what] - _log_sum(likelihoods[course.what])))
-    first, last = (at.margin + int(np.searchsorted(below, share)) for share in (0.025, 0.975))
+    below = np.cumsum(np.exp(likelihoods[course.what] - logsumexp(likelihoods[course.what])))
+    first, last = (margin + int(np.searchsorted(below, share)) for share in (0.025, 0.975))
     first_row, row, last_row = (
         int(rows[at]) for at in (min(first, course.step), course.step, min(max(last, course.step), n - 1))
     )
