@@ -30,6 +30,8 @@ def test_it_is_the_posterior_of_the_parameters(seed, n, decades):
     np.testing.assert_allclose(found.x / std, plain.x / std, atol=1e-6)
     np.testing.assert_allclose(found.covariance / np.outer(std, std), plain.covariance / np.outer(std, std), atol=1e-6)
     np.testing.assert_allclose(found.variance, found.covariance.diagonal(), atol=1e-12 * (std**2).max())
+    pull = np.random.default_rng(seed).normal(size=40) / std
+    np.testing.assert_allclose(found.times(pull) / std, found.covariance @ pull / std, atol=1e-9)
     np.testing.assert_array_equal(found.block(np.array([3, 5])), found.covariance[np.ix_([3, 5], [3, 5])])
 
 

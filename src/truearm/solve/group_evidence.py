@@ -159,6 +159,15 @@ class LowRankPosterior:
         found[np.ix_(of_wide, of_narrow)] = coupled.T
         return np.asarray(found * self.std * self.std[:, None])
 
+    def times(self, vector: FloatArray) -> FloatArray:
+        """(p,) the covariance times a vector (p,)."""
+        (narrow, across, inverse), vector = self._blocks(), vector * self.std
+        of_wide, of_narrow = vector[self.is_wide], vector[~self.is_wide]
+        white, out = inverse @ of_wide - across @ of_narrow, np.empty(len(vector))
+        out[self.is_wide] = inverse.T @ white
+        out[~self.is_wide] = of_narrow - narrow.T @ (narrow @ of_narrow) - across.T @ white
+        return out * self.std
+
     def block(self, rows: IntArray) -> FloatArray:
         """(m, m) covariance of some parameters."""
         return np.asarray(self.covariance[np.ix_(rows, rows)])

@@ -459,6 +459,25 @@ def test_scales_that_follow_from_one_linearisation_to_the_next_give_the_arm_of_c
     np.testing.assert_allclose(std[0], std[1], rtol=0.02)
 
 
+def test_noise_that_settles_without_a_linearisation_saves_one_and_gives_the_same_arm(arm, rng, monkeypatch):
+    """A step again after a straight one: tips within a hundredth of u."""
+    turns = [term for joint in (2, 3) for term in own_axis(arm.chain, joint, highest=16)]
+    terms, angles = [*constants(arm.chain, free=()), *turns], poses(arm, 100, rng, half_width=2.0)
+    scales = {term.group: 0.1 * i for i, term in enumerate(turns)}
+    points, fits, counts = seen(arm, terms, drawn(terms, rng, scales=scales), angles, rng), [], []
+    for straight in (0.0, rounds.STRAIGHT_STEP):
+        monkeypatch.setattr(rounds, "STRAIGHT_STEP", straight)
+        places = []
+        monkeypatch.setattr(rounds, "linearised", lambda *of, seen=places: seen.append(of[1]) or linearised(*of))
+        fits.append(found(arm, angles, points, terms))
+        counts.append(len(places))
+    assert counts[1] < counts[0]
+    state = ArmState(arm.chain, poses(arm, 200, rng, half_width=2.0))
+    std = [np.sqrt(np.trace(fit.tip_covariance(state), axis1=1, axis2=2)) for fit in fits]
+    assert (np.linalg.norm(fits[0].tips(state) - fits[1].tips(state), axis=1) / std[0]).max() < 0.01
+    np.testing.assert_allclose(std[0], std[1], rtol=1e-3)
+
+
 def test_few_of_many_readings_are_excluded_and_come_back_by_one_step(arm, rng, monkeypatch):
     """Of 2000 readings three are excluded, two of them wrong, and one comes back: to a 500th of u."""
     terms, rows = constants(arm.chain, free=()), np.arange(2000)

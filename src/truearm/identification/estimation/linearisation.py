@@ -59,7 +59,7 @@ def roughly_linearised(
     of_few = SmallMotionProblem(chain, problem.state.rows(points.rows[some]), (few,))
     (found,) = of_few.normal_equations(x, [weights[:, some]])
     white = weights * residuals
-    gradient = chain.gradient(problem.state.rows(points.rows), x, weights * white)
+    gradient = problem.gradient_of_points(x, weights * white)
     times = float((weights**2).sum() / (weights[:, some] ** 2).sum())
     return replace(found, cost=0.5 * float(np.vdot(white, white)), gradient=gradient, head=times * found.head)
 

@@ -81,6 +81,11 @@ class SmallMotionProblem:
         counts = [self.perturbed_chain.n_coefficients, *(len(reference.unknowns) for reference in self.references)]
         return [int(start) for start in np.cumsum(counts)]
 
+    @property
+    def has_points_alone(self) -> bool:
+        """Whether points are the only reference: residuals are tips, and parameters coefficients."""
+        return len(self.references) == 1 and isinstance(self.references[0], Points)
+
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """(k, m) residuals of every reference [mm]."""
         return [
@@ -138,6 +143,15 @@ class SmallMotionProblem:
                 along_sites = self._site_derivatives(state, of_readings(linear, piece), values, x)
                 of_pieces.append(self.perturbed_chain.along(step, along_sites, values))
             found.append(np.concatenate(of_pieces, axis=1))
+        return found
+
+    def gradient_of_points(self, x: FloatArray, pulls: FloatArray) -> FloatArray:
+        """(n_coefficients,) derivatives of the tips along vectors (3, m), summed over a problem of points alone."""
+        (points,), found = self.references, np.zeros(self.perturbed_chain.n_coefficients)
+        for piece in even_chunks(len(points.rows)):
+            state = self.state.rows(points.rows[piece])
+            values = self._values(0, piece, state)
+            found += self.perturbed_chain.gradient_from_values(state, values, x, pulls[:, piece])
         return found
 
     def _pieces(

@@ -28,7 +28,7 @@ from truearm.identification.estimation.perturbed_chain import PerturbedChain
 from truearm.identification.estimation.problem import RELATIVE, SmallMotionProblem
 from truearm.identification.estimation.residual_variance import FLOOR_MM2, huber_weights, paule_mandel_variance
 from truearm.identification.references.prepared_readings import residual_variance, tip_motions
-from truearm.identification.references.references import Points, Reference
+from truearm.identification.references.references import Reference
 from truearm.solve.arrowhead import Arrowhead, SchurComplement
 from truearm.solve.group_evidence import GroupedEquations, GroupedPrior, LowRankPosterior, Posterior
 from truearm.solve.least_squares import damped_step, step_in_valley
@@ -39,6 +39,8 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 # A step that would move tips by a smaller share of their uncertainty is not taken, so that residuals, weights and
 # derivatives are those of one place: a root mean square, of which that of a single reading is some ten times at most.
 SETTLED_STEP = 0.05
+# After a smaller step, of points alone, derivatives hardly change: noise that still does settles without new ones.
+STRAIGHT_STEP = 0.25
 # The noise is calm when it changes by less.
 CALM_NOISE, SAME_NOISE = 0.05, 1e-4
 LEAST_NOISE = 1e-30
@@ -120,7 +122,7 @@ class Rounds:
         self.noise = np.full(len(problem.references), np.inf)
         self._per_reference = np.zeros(len(problem.references))
         self._step, self._moved_by, self._share = np.zeros(len(x)), 0.0, 1.0
-        self.calm, self.converged, self.some = 0, False, some
+        self.calm, self._was_calm, self.converged, self.some = 0, False, False, some
         self.problem, self._given = problem, given
         self.n_residuals = sum(
             int((w > 0).sum()) * reference.n_residuals for w, reference in zip(given, problem.references, strict=True)
@@ -137,7 +139,7 @@ class Rounds:
 
     def weigh(self) -> None:
         """Noise and weights from the residuals."""
-        before, self._was_calm = self.noise, self.calm >= 1
+        before = self.noise
         if self._by_rounding is not None and self.calm < 2:
             self._settle_known(self._by_rounding)
         self.noise, self.weights, self.robust_weights = _weights(
@@ -189,12 +191,14 @@ class Rounds:
         n_effective = max(float(self.effective.sum()) + reduced.n_determined, 1.0)
         moved_by = float(np.sqrt(max(float(step @ along), 0.0) / n_effective))
         self.converged = bool(is_exact and self.calm >= 2 and moved_by < SETTLED_STEP)
+        with one_blas_thread():
+            self._per_reference = _effective_numbers(reduced, parts, found)
         if self.converged:
             self.x = x
         else:
             self._take(step, along, x, moved_by, found.posterior)
-        with one_blas_thread():
-            self._per_reference = _effective_numbers(reduced, parts, found)
+            if is_exact and not self.calm and moved_by < STRAIGHT_STEP and problem.has_points_alone:
+                self._step_again(found.posterior)
         if self.calm >= 2:  # groups were pruned
             self.some = None
         if not self.converged:
@@ -207,6 +211,7 @@ class Rounds:
         """Scales on a linearisation; while the noise still falls, groups below it must not be pruned."""
         if self.calm and not self._was_calm:
             self.prior = without_invisible(self.prior, whole.diagonal, self.n_residuals)
+        self._was_calm = self.calm >= 1
         prunable = self._fast if self.calm >= 2 else np.zeros_like(self._fast)
         first, calm = not self._moved_by, self.calm >= 1
         rounds = scale_rounds(len(reduced.kept), self.n_residuals, is_first=first, is_calm=calm)
@@ -234,18 +239,27 @@ class Rounds:
         active, after = self.prior.active, cost(self.x, self.residuals)
         predicted = 0.5 * float(step @ along + self.prior.precision[active] @ step[active] ** 2)
         is_bent = self._share == 1 and moved_by > SETTLED_STEP and before - after < LEAST_GAIN * predicted
-        if is_bent and isinstance(posterior, Posterior):
+        if is_bent and self.problem.has_points_alone:
             there = self._in_valley(x, here, step, posterior)
             residuals = self.problem.residuals(there)
             if cost(there, residuals) < after:
                 self.x, self.residuals = there, residuals
 
-    def _in_valley(self, x: FloatArray, here: list[FloatArray], step: FloatArray, posterior: Posterior) -> FloatArray:
-        """The point to which `step_in_valley` leads; of points alone, else that of the whole step."""
-        problem, (points, *others) = self.problem, self.problem.references
-        if others or not isinstance(points, Points):
-            return x + step
-        weights, active, state = self.weights[0], self.prior.active, problem.state.rows(points.rows)
+    def _step_again(self, posterior: Posterior | LowRankPosterior) -> None:
+        """Noise and weights from the residuals, and a step under them with the covariance of the last linearisation."""
+        self.weigh()
+        problem, active = self.problem, self.prior.active
+        gradient = problem.gradient_of_points(self.x, self.weights[0] ** 2 * self.residuals[0])
+        gradient[active] += self.prior.precision[active] * self.x[active]
+        cost, halving = _cost(problem, self.weights, self.prior), StepHalving(1.0, MAX_HALVINGS)
+        step = -posterior.times(gradient)
+        self.x, self.residuals = take_step(problem, self.x, self.residuals, step, cost, halving)
+
+    def _in_valley(
+        self, x: FloatArray, here: list[FloatArray], step: FloatArray, posterior: Posterior | LowRankPosterior
+    ) -> FloatArray:
+        """The point to which `step_in_valley` leads, of points alone."""
+        problem, weights, active = self.problem, self.weights[0], self.prior.active
         root = np.sqrt(self.prior.precision[active])
 
         def white(at: FloatArray, residuals: list[FloatArray]) -> FloatArray:
@@ -253,7 +267,7 @@ class Rounds:
 
         def solve(bent: FloatArray) -> FloatArray:
             pulls = weights * bent[: weights.size].reshape(weights.shape)
-            return posterior.times(problem.perturbed_chain.gradient(state, x, pulls))
+            return posterior.times(problem.gradient_of_points(x, pulls))
 
         end = x + step
         there = self.residuals if np.array_equal(self.x, end) else problem.residuals(end)
