@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from truearm.arm import Chain
 from truearm.arm.rigid_motions import (
-    apply_motions,
+    FEW,
     cross_matrix,
     exponential_derivative,
     inverse,
@@ -93,6 +93,35 @@ def test_a_motion_for_all_poses_is_the_same_motion_in_each(seed, size):
     np.testing.assert_allclose(motion_jacobian, by_each, atol=ROUNDING_MM, rtol=0)
 
 
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(SIZES), st.sampled_from([0.0, 0.5, 1.0]), st.booleans())
+def test_many_poses_are_a_few_at_a_time(seed, size, sliding, constant):
+    """Frame by frame, and by matrices of all places."""
+    rng = np.random.default_rng(seed)
+    chain, n = random_chain(seed, sliding=sliding), 100
+    angles, motions = random_joints(chain, n, rng), random_motions(chain, 1 if constant else n, size, rng)
+    few = [slice(start, start + 20) for start in range(0, n, 20)]
+    for one, other in zip(by_chunk(chain, angles, motions), by_chunk(chain, angles, motions, 20), strict=True):
+        np.testing.assert_allclose(one, other, atol=ROUNDING_MM, rtol=0)
+    parts = [tips_of(chain, angles[rows], motions if constant else motions[..., rows]) for rows in few]
+    np.testing.assert_allclose(tips_of(chain, angles, motions), np.concatenate(parts), atol=ROUNDING_MM, rtol=0)
+    whole = chain.pose_derivatives(angles, motions)
+    parts = [chain.pose_derivatives(angles[rows], motions if constant else motions[..., rows]) for rows in few]
+    for one, pieces in zip(whole, zip(*parts, strict=True), strict=True):
+        np.testing.assert_allclose(one, np.concatenate(pieces, axis=-1), atol=ROUNDING_MM, rtol=0)
+
+
+@pytest.mark.parametrize("n", [20, 100])
+def test_a_tip_on_an_axis_is_not_moved_by_turns_about_it(n):
+    """Ranks of readings tell a column that is zero from one that is small: of many poses the zero is exact."""
+    chain = random_chain(3, sliding=0.0)
+    fixed = chain.fixed.copy()
+    fixed[-1] = np.eye(4)
+    chain, rng = Chain(fixed, np.array([0.0, 0.0, 150.0]), chain.prismatic), np.random.default_rng(3)
+    moved = chain.tip_derivatives(random_joints(chain, n, rng)).motion_jacobian[:, chain.n_joints, 2]
+    np.testing.assert_allclose(moved, 0.0, atol=1e-9 if n == 20 else 0.0, rtol=0)
+
+
 def test_no_motion_gives_the_small_motions_of_the_chain():
     chain = random_chain(1)
     angles = random_joints(chain, 7, np.random.default_rng(1))
@@ -170,17 +199,6 @@ def test_rotations_are_scipys_and_jacobians_the_difference_quotients(seed, size)
         np.testing.assert_allclose(J[:, k].T, quotient, atol=3e-10)
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_a_motion_of_a_vector_is_its_rotation_and_shift(size):
-    rng = np.random.default_rng(6)
-    motion = rng.normal(size=(6, 5))
-    motion[:3] *= size / np.linalg.norm(motion[:3], axis=0)
-    v = rng.normal(0, 1000, (3, 5))
-    expected = Rotation.from_rotvec(motion[:3].T).apply(v.T).T + motion[3:]
-    np.testing.assert_allclose(apply_motions(v, motion), expected, atol=ROUNDING_MM, rtol=0)
-    np.testing.assert_allclose(apply_motions(v, motion[:, :1])[:, 0], expected[:, 0], atol=ROUNDING_MM, rtol=0)
-
-
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 0.99e-6, 1.01e-6, 1e-5, 1e-3, 0.1, 1.0, 3.1])
 def test_rotations_and_jacobians_are_exponentials_at_every_angle(angle):
     """Angles below 1e-6 rad have the functions of 1e-6 rad. J is the integral of exp(s K) over s from 0 to 1."""
@@ -191,6 +209,9 @@ def test_rotations_and_jacobians_are_exponentials_at_every_angle(angle):
     integral = expm(np.block([[K, np.eye(3)], [np.zeros((3, 6))]]))[:3, 3:]
     np.testing.assert_allclose(J[..., 0], integral, atol=2e-15, rtol=0)
     np.testing.assert_array_equal(rotations(r[:, None]), R)
+    many = np.repeat(r[:, None], FEW + 1, axis=1)  # of small angles by series
+    for of_many, one in zip((rotations(many), *rotations_and_jacobians(many)), (R, R, J), strict=True):
+        np.testing.assert_allclose(of_many, np.broadcast_to(one, of_many.shape), atol=2e-15, rtol=0)
 
 
 @pytest.mark.parametrize(

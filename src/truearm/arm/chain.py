@@ -19,7 +19,6 @@ flange's axes, as a tool is turned on its flange, and does not move the tip.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,23 +28,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from truearm.arm.rigid_motions import (
-    apply_motions,
-    cos_sin,
-    cross_matrix,
-    rotations,
-    rotations_and_jacobians,
-    turn_matrices,
-)
+from truearm.arm.rigid_motions import CROSS, cos_sin, cross_matrix, rotations, rotations_and_jacobians
 from truearm.arm.rigid_motions import exponential_derivative as exponential_derivative
 from truearm.errors import InputError
 from truearm.typing import BoolArray, FloatArray
 
-# Poses that are evaluated together: 4096 doubles a component keep the working set of one pass
-# (about 60 components) inside a 2 MiB cache.
-CHUNK = 4096
+CHUNK = 4096  # poses that are evaluated together: of fewer the number of array operations counts
 FEW = 64  # poses up to which the number of array operations counts, not their length
-IN_ONE_ROW = 512  # poses up to which the rotations of all places are computed at once: they stay in the cache
 # A hundred kilometres: longer lengths have a wrong unit, or were made to overflow.
 MAX_LENGTH_MM = 1e8
 
@@ -71,6 +60,26 @@ class _Frames(NamedTuple):
     places: FloatArray
     flange: FloatArray
     tips: FloatArray
+
+
+class _Finite(NamedTuple):
+    """Finite motions: shifts (n_places, 3, m), rotations and their left Jacobians, transposed, (n_places, 3, 3, m)."""
+
+    shifts: FloatArray
+    turned_back: FloatArray
+    jacobians: FloatArray
+
+    @classmethod
+    def of(cls, motions: FloatArray) -> _Finite:
+        """Of motions (n_places, 6, m)."""
+        R, J = rotations_and_jacobians(_back(motions))
+        return cls(motions[:, 3:], _by_place(R, motions), _by_place(J, motions))
+
+    @classmethod
+    def without_jacobians(cls, motions: FloatArray) -> _Finite:
+        """Of motions (n_places, 6, m), whose Jacobians nobody needs."""
+        R = _by_place(rotations(_back(motions)), motions)
+        return cls(motions[:, 3:], R, R[:0])
 
 
 class TipDerivatives(NamedTuple):
@@ -239,11 +248,9 @@ class Chain:
         """
         angles = self._checked(angles)
         tips = np.empty((3, len(angles)))
-        for rows, q, chunk in self._pieces(angles, motions):
-            if q.shape[1] <= FEW:
-                tips[:, rows] = self._frames_of_few(q, chunk, None if chunk is None else _turned_by(chunk)).tips.T
-            else:
-                tips[:, rows] = _last(self._outward(q, cos_sin(q), chunk))
+        for rows, q, finite in self._pieces(angles, motions):
+            few = q.shape[1] <= FEW
+            tips[:, rows] = self._frames_of_few(q, finite).tips.T if few else self._outward(q, finite)[0]
         return tips.T
 
     def pose(self, angles: npt.ArrayLike, motions: npt.ArrayLike | None = None) -> Pose:
@@ -257,12 +264,12 @@ class Chain:
             Finite motions composed exactly at every place, a set for each pose.
         """
         angles = self._checked(angles)
-        R, tip = np.empty((3, 3, len(angles))), np.empty((3, len(angles)))
-        for rows, q, chunk in self._pieces(angles, motions):
-            turns = cos_sin(q)
-            R[:, :, rows] = self._flange(turns, None if chunk is None else _turned_by(chunk))
-            tip[:, rows] = _last(self._outward(q, turns, chunk))
-        return Pose(R.transpose(2, 0, 1), tip.T)
+        R, tip = np.empty((len(angles), 3, 3)), np.empty((3, len(angles)))
+        for rows, q, finite in self._pieces(angles, motions):
+            axes = np.empty((self.n_places, 3, 3, q.shape[1]))
+            self._inward(q, finite, axes)
+            R[rows], tip[:, rows] = _flange(axes, finite).transpose(2, 0, 1), self._outward(q, finite)[0]
+        return Pose(R, tip.T)
 
     def pose_derivatives(self, angles: npt.ArrayLike, motions: FloatArray | None = None) -> PoseDerivatives:
         """Tip poses and their derivatives by the joints and by the motions at every place.
@@ -277,27 +284,19 @@ class Chain:
         """
         q = _by_component(self.joint_angles(self._checked(angles)))
         by_motion = np.zeros((self.n_places, 6, 6, q.shape[1]))
-        finite = None if motions is None else _turned_by_with_jacobians(motions)
-        tip, _ = self._small_motions_into(q, by_motion[:, :, :3], motions, finite)
+        finite = None if motions is None else _Finite.of(motions)
+        tips = self._small_motions_into(q, by_motion[:, :, :3], finite)
         axes = by_motion[:, 3:, :3]  # (place, axis, component, m): translations along the axes of every place
-        R = axes[-1].transpose(1, 0, 2)
-        if finite is None:
-            by_motion[:, :3, 3:] = axes
-        else:
-            turned_by, jacobians = finite
-            np.einsum("pdcm,pdbm->pcbm", jacobians, axes, out=by_motion[:, :3, 3:])
-            R = _product(R, turned_by[-1])
+        by_motion[:, :3, 3:] = axes if finite is None else _by_rotation_vectors(axes, finite.jacobians)
         by_joint = np.zeros((self.n_joints, 6, q.shape[1]))
-        for place, v in self._outward(q, cos_sin(q), motions):
-            if place < 1:
-                break  # past joint 1
-            x_axis, y_axis, z_axis = axes[place]
-            if self.is_prismatic[place - 1]:
-                by_joint[place - 1, :3] = z_axis
-            else:
-                by_joint[place - 1, :3] = v[0] * y_axis - v[1] * x_axis  # z x (p - o)
-                by_joint[place - 1, 3:] = z_axis
-        return PoseDerivatives(R, tip, by_joint, by_motion)
+        _, arms = self._outward(q, finite)
+        if finite is not None:  # about the joint's axis, where the place was before its shift
+            arms += finite.shifts[:-1]
+        x_axes, y_axes, z_axes = axes[1:-1].transpose(1, 0, 2, 3)
+        by_joint[:, :3] = arms[1:, :1] * y_axes - arms[1:, 1:2] * x_axes  # z x (p - o)
+        by_joint[:, 3:] = z_axes
+        by_joint[self.is_prismatic, :3], by_joint[self.is_prismatic, 3:] = z_axes[self.is_prismatic], 0.0
+        return PoseDerivatives(_flange(axes, finite), tips, by_joint, by_motion)
 
     def pose_jacobians(
         self, angles: npt.ArrayLike, derivatives: Callable[[slice], PoseDerivatives] | None = None
@@ -343,7 +342,7 @@ class Chain:
         tip = np.empty((3, len(angles)))
         motion_jacobian = np.empty((self.n_places, 6, 3, len(angles)))
         for rows in _chunks(len(angles)):
-            tip[:, rows], _ = self._small_motions_into(_by_component(angles[rows]), motion_jacobian[..., rows])
+            tip[:, rows] = self._small_motions_into(_by_component(angles[rows]), motion_jacobian[..., rows])
         return TipDerivatives(tip.T, motion_jacobian.transpose(3, 0, 1, 2))
 
     def tip_derivatives_by_chunk(
@@ -376,7 +375,8 @@ class Chain:
             q = _by_component(angles[rows])
             if q.shape[1] < work.shape[3]:  # the last piece
                 work = np.empty((*work.shape[:3], q.shape[1]))
-            yield rows, *self._small_motions_into(q, work, None if motions is None else motions(rows))
+            finite = None if motions is None else _Finite.of(motions(rows))
+            yield rows, self._small_motions_into(q, work, finite), work
 
     def with_motions(self, motions: npt.ArrayLike) -> Chain:
         """Build the chain with a constant finite motion composed at every place.
@@ -418,155 +418,74 @@ class Chain:
 
     # One pass from the tip to the base carries the tip through every frame; one pass from the base to the flange
     # carries the frames' axes. Everything above is one or both of them. Arrays are laid out by component, poses last.
+    # Rotations of motions are transposed: sums over the last index take two thirds of the time.
 
-    def _outward(
-        self,
-        q: FloatArray,
-        turns: tuple[FloatArray, FloatArray],
-        motions: FloatArray | None,
-        turned_by: FloatArray | None = None,
-    ) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (place, tip in that place's frame) from the last joint to the base (0), then (-1, tip in base).
+    def _outward(self, q: FloatArray, finite: _Finite | None) -> tuple[FloatArray, FloatArray]:
+        """Tips (3, m), and arms (n_joints + 1, 3, m) from where the rotation of each place's motion turns them.
 
-        `turned_by` (n_places, 3, 3, m) are the rotations of the motions, if the caller has them.
+        Arms are along the place's axes before the motion: across an axis that the tip is on they are zero, which
+        differences of points in the base frame are not.
         """
-        cos, sin = turns
-        if motions is not None and turned_by is None and q.shape[1] <= FEW:
-            turned_by = _turned_by(motions)  # of all places in one pass
-        v = np.empty((3, q.shape[1]))
-        v[:] = self.tip_in_flange[:, None]
-        if motions is not None:
-            v += motions[-1, 3:]
-        turn = turn_matrices(cos, sin) if q.shape[1] == 1 else None
-        for i in range(self.n_joints, 0, -1):
-            v = self.fixed[i, :3, :3].dot(v)  # of a single pose a quarter of the time of `matmul`
-            v += self.fixed[i, :3, 3, None]
-            if motions is not None:
-                v = _moved(v, motions[i], None if turned_by is None else turned_by[i])
-            yield i, v
-            if turn is None or self.is_prismatic[i - 1]:
-                v = self._joint(i, q, cos, sin, v)
-            else:
-                v = turn[i - 1].dot(v)
-        if motions is not None:
-            v = _moved(v, motions[0], None if turned_by is None else turned_by[0])
-        yield 0, v
-        v = self.fixed[0, :3, :3].dot(v)
-        v += self.fixed[0, :3, 3, None]
-        yield -1, v
+        (cos, sin), v = cos_sin(q), np.empty((3, q.shape[1]))
+        arms = np.empty((self.n_joints + 1, *v.shape))
+        v[:] = self.tip_in_flange[:, None] if finite is None else self.tip_in_flange[:, None] + finite.shifts[-1]
+        for place in range(self.n_joints, -1, -1):
+            if place:
+                v = self.fixed[place, :3, :3] @ v
+                v += self.fixed[place, :3, 3, None]
+            if finite is not None:
+                v = np.einsum("bam,bm->am", finite.turned_back[place], v)
+            arms[place] = v
+            if finite is not None:
+                v += finite.shifts[place]
+            if place and self.is_prismatic[place - 1]:
+                v[2] += q[place - 1]
+            elif place:
+                _turn(v[0], v[1], cos[place - 1], sin[place - 1])
+        return self.fixed[0, :3, :3] @ v + self.fixed[0, :3, 3, None], arms
 
-    def _joint(self, i: int, q: FloatArray, cos: FloatArray, sin: FloatArray, v: FloatArray) -> FloatArray:
-        """Turn or shift the vectors `v` (3, m) from joint i's moving frame to its fixed one."""
-        out = np.empty_like(v)
-        if self.is_prismatic[i - 1]:
-            out[:2] = v[:2]
-            np.add(v[2], q[i - 1], out=out[2])
-            return out
-        c, s = cos[i - 1], sin[i - 1]
-        np.multiply(c, v[0], out=out[0])
-        out[0] -= s * v[1]
-        np.multiply(s, v[0], out=out[1])
-        out[1] += c * v[1]
-        out[2] = v[2]
-        return out
+    def _inward(self, q: FloatArray, finite: _Finite | None, axes: FloatArray) -> None:
+        """Write the axes (n_places, 3 axes, 3 components, m) of the places, before the motions there, into `axes`."""
+        (cos, sin), R = cos_sin(q), np.repeat(self.fixed[0, :3, :3, None], q.shape[1], axis=2)
+        for place in range(self.n_joints + 1):
+            axes[place] = R.swapaxes(0, 1)
+            if finite is not None:
+                R = _product(R, finite.turned_back[place])
+            if place:
+                R = np.matmul(self.fixed[place, :3, :3].T, R)
+            if place < self.n_joints and not self.is_prismatic[place]:
+                _turn(R[:, 0], R[:, 1], cos[place], -sin[place])
+        axes[-1] = R.swapaxes(0, 1)
 
-    def _inward(
-        self, turns: tuple[FloatArray, FloatArray], turned_by: FloatArray | None = None
-    ) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (place, R_base_place (3 rows, 3 columns, m)) from the base to the last joint.
-
-        The rotations `turned_by` (n_places, 3, 3, m) of motions act after their places.
-        """
-        cos, sin = turns
-        R = np.empty((3, 3, cos.shape[1]))
-        R[:] = self.fixed[0, :3, :3, None]
-        yield 0, R
-        for i in range(1, self.n_joints + 1):
-            if turned_by is not None:
-                R = _product(R, turned_by[i - 1])
-            if i > 1:
-                R = np.matmul(self.fixed[i - 1, :3, :3].T, R)
-            if not self.is_prismatic[i - 1]:
-                c, s = cos[i - 1], sin[i - 1]
-                turned = np.empty_like(R)
-                np.multiply(c, R[:, 0], out=turned[:, 0])
-                turned[:, 0] += s * R[:, 1]
-                np.multiply(c, R[:, 1], out=turned[:, 1])
-                turned[:, 1] -= s * R[:, 0]
-                turned[:, 2] = R[:, 2]
-                R = turned
-            yield i, R
-
-    def _flange(self, turns: tuple[FloatArray, FloatArray], turned_by: FloatArray | None) -> FloatArray:
-        """(3, 3, m) orientations of the flange in the base frame, turned by a motion at the tip."""
-        R = _last(self._inward(turns, turned_by))
-        if turned_by is None:
-            return np.asarray(np.matmul(self.fixed[-1, :3, :3].T, R))
-        R = np.matmul(self.fixed[-1, :3, :3].T, _product(R, turned_by[-2]))
-        return _product(R, turned_by[-1])
-
-    def _small_motions_into(
-        self,
-        q: FloatArray,
-        out: FloatArray,
-        motions: FloatArray | None = None,
-        finite: tuple[FloatArray, FloatArray] | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Tips and derivatives; `finite` are the rotations of the motions, if the caller has them."""
-        turned_by, jacobians = None, None
-        if motions is not None:
-            turned_by, jacobians = finite or _turned_by_with_jacobians(motions)
+    def _small_motions_into(self, q: FloatArray, out: FloatArray, finite: _Finite | None = None) -> FloatArray:
+        """The tips (3, m), and the derivatives into `out`."""
         if q.shape[1] <= FEW:
-            return self._small_motions_of_few(q, out, motions, turned_by, jacobians), out
-        turns = cos_sin(q)
-        tip_in_place = dict(self._outward(q, turns, motions, turned_by))
-        for place, R in self._inward(turns, turned_by):
-            tip, moved = tip_in_place[place], out[place]
-            tip = tip if motions is None else tip - motions[place, 3:]
-            x, y, z = tip[:, None]
-            axes = np.swapaxes(R, 0, 1)  # (3 axes, 3 components, m)
-            # z x (p - o) with p - o = R (x, y, z): a combination of the two other axes.
-            np.multiply(y, axes[2], out=moved[0])
-            moved[0] -= z * axes[1]
-            np.multiply(z, axes[0], out=moved[1])
-            moved[1] -= x * axes[2]
-            np.multiply(x, axes[1], out=moved[2])
-            moved[2] -= y * axes[0]
-            moved[3:] = axes
-            if jacobians is not None:
-                moved[:3] = _by_rotation_vector(moved[:3], jacobians[place])
-        if turned_by is not None:
-            R = _product(R, turned_by[-2])
+            return self._small_motions_of_few(q, out, finite)
+        (tips, arms), axes = self._outward(q, finite), out[:, 3:]
+        self._inward(q, finite, axes)
+        turned = np.matmul(CROSS.T, arms).reshape(-1, 3, *arms.shape[1:])  # (place, axis x y z, along x y z, m)
+        if finite is not None:
+            turned = _by_rotation_vectors(turned, finite.jacobians[:-1])
+        np.einsum("pabm,pbcm->pacm", turned, axes[:-1], out=out[:-1, :3])
         out[-1, :3] = 0.0
-        out[-1, 3:] = np.matmul(self.fixed[-1, :3, :3].T, R).transpose(1, 0, 2)
-        return tip_in_place[-1], out
+        return tips
 
-    def _small_motions_of_few(
-        self,
-        q: FloatArray,
-        out: FloatArray,
-        motions: FloatArray | None,
-        turned_by: FloatArray | None,
-        jacobians: FloatArray | None,
-    ) -> FloatArray:
-        """The tips, and the derivatives into `out`, by matrices of all places: the number of operations counts."""
-        frames, flange, tips = self._frames_of_few(q, motions, turned_by)
+    def _small_motions_of_few(self, q: FloatArray, out: FloatArray, finite: _Finite | None) -> FloatArray:
+        """The same by matrices of all places: the number of operations counts."""
+        frames, flange, tips = self._frames_of_few(q, finite)
         R, axes_of_flange = frames[..., :3, :3], flange[:, :3, :3]
         arm = frames[..., :3, 3] - tips
-        if motions is not None:
-            arm = arm + (R @ motions[:-1, 3:].transpose(0, 2, 1)[..., None])[..., 0]
+        if finite is not None:
+            arm = arm + (R @ finite.shifts[:-1].transpose(0, 2, 1)[..., None])[..., 0]
         turns = cross_matrix(arm) @ R  # z x (p - o), for all three axes
-        if jacobians is not None:
-            turns = turns @ jacobians[:-1].transpose(0, 3, 1, 2)
+        if finite is not None:
+            turns = turns @ finite.jacobians[:-1].transpose(0, 3, 2, 1)
         out[:-1, :3], out[:-1, 3:] = turns.transpose(0, 3, 2, 1), R.transpose(0, 3, 2, 1)
         out[-1, :3], out[-1, 3:] = 0.0, axes_of_flange.transpose(2, 1, 0)
         return np.asarray(tips.T)
 
-    def _frames_of_few(self, q: FloatArray, motions: FloatArray | None, turned_by: FloatArray | None) -> _Frames:
-        """The frames of all places but the tip in the base frame, before the motions there; the flange, and the tips.
-
-        `turned_by` are the rotations of the motions, if there are any.
-        """
+    def _frames_of_few(self, q: FloatArray, finite: _Finite | None) -> _Frames:
+        """The frames of all places but the tip in the base frame, before the motions there; flange and tips."""
         (n, m), slides = q.shape, self.is_prismatic
         steps = np.zeros((n, m, 4, 4))
         cos, sin = cos_sin(q)
@@ -578,13 +497,12 @@ class Chain:
             steps[slides, :, 2, 3] = q[slides]
         steps[1:] = self.fixed[1:-1, None] @ steps[1:]
         last, tip = self.fixed[-1], self.tip_in_flange
-        if motions is not None:
-            assert turned_by is not None
-            finite = np.zeros((n + 1, motions.shape[2], 4, 4))
-            finite[..., :3, :3] = turned_by[:-1].transpose(0, 3, 1, 2)
-            finite[..., :3, 3] = motions[:-1, 3:].transpose(0, 2, 1)
-            finite[..., 3, 3] = 1.0
-            steps, last, tip = finite[:-1] @ steps, finite[-1] @ last, tip + motions[-1, 3:].T
+        if finite is not None:
+            moved = np.zeros((n + 1, finite.shifts.shape[2], 4, 4))
+            moved[..., :3, :3] = finite.turned_back[:-1].transpose(0, 3, 2, 1)
+            moved[..., :3, 3] = finite.shifts[:-1].transpose(0, 2, 1)
+            moved[..., 3, 3] = 1.0
+            steps, last, tip = moved[:-1] @ steps, moved[-1] @ last, tip + finite.shifts[-1].T
         frames = np.empty((n + 1, m, 4, 4))
         frames[0] = self.fixed[0]
         for place, step in enumerate(steps):
@@ -600,37 +518,20 @@ class Chain:
 
     def _pieces(
         self, angles: FloatArray, motions: npt.ArrayLike | None
-    ) -> Iterator[tuple[slice, FloatArray, FloatArray | None]]:
-        """Poses that are evaluated together: which, their angles (n_joints, m) and motions (n_places, 6, m)."""
+    ) -> Iterator[tuple[slice, FloatArray, _Finite | None]]:
+        """Poses that are evaluated together: which, their angles (n_joints, m), and their motions."""
         angles = self.joint_angles(angles)
         moved, shape = None if motions is None else np.asarray(motions, dtype=float), (len(angles), self.n_places, 6)
         if moved is not None and moved.shape != shape:
             raise InputError(f"expected motions of shape {shape}, got {moved.shape}")
         for rows in _chunks(len(angles)):
-            chunk = None if moved is None else np.ascontiguousarray(moved[rows].transpose(1, 2, 0))
-            yield rows, _by_component(angles[rows]), chunk
+            finite = None if moved is None else _Finite.without_jacobians(moved[rows].transpose(1, 2, 0))
+            yield rows, _by_component(angles[rows]), finite
 
 
-def _turned_by(motions: FloatArray) -> FloatArray:
-    """Rotations (n_places, 3, 3, m) of motions (n_places, 6, m)."""
-    if motions.shape[2] <= IN_ONE_ROW:
-        return _by_place(rotations(_in_one_row(motions)), motions)
-    return np.stack([rotations(motion[:3]) for motion in motions])
-
-
-def _turned_by_with_jacobians(motions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations of motions (n_places, 6, m) and their left Jacobians, (n_places, 3, 3, m) each."""
-    if motions.shape[2] <= IN_ONE_ROW:
-        R, J = rotations_and_jacobians(_in_one_row(motions))
-        return _by_place(R, motions), _by_place(J, motions)
-    both = [rotations_and_jacobians(motion[:3]) for motion in motions]
-    turned_by, jacobians = (np.stack(arrays) for arrays in zip(*both, strict=True))
-    return turned_by, jacobians
-
-
-def _in_one_row(motions: FloatArray) -> FloatArray:
-    """Rotation vectors (3, n_places m) of motions, for all places in one pass."""
-    return motions[:, :3].transpose(1, 0, 2).reshape(3, -1)
+def _back(motions: FloatArray) -> FloatArray:
+    """Rotation vectors (3, n_places m) back from motions, for all places in one pass."""
+    return -motions[:, :3].transpose(1, 0, 2).reshape(3, -1)
 
 
 def _by_place(matrices: FloatArray, motions: FloatArray) -> FloatArray:
@@ -639,38 +540,31 @@ def _by_place(matrices: FloatArray, motions: FloatArray) -> FloatArray:
     return matrices.reshape(3, 3, n_places, m).transpose(2, 0, 1, 3)
 
 
-def _product(R: FloatArray, turned: FloatArray) -> FloatArray:
-    """Products of matrices (3, 3, m)."""
-    if R.shape[2] == turned.shape[2] == 1:
-        return np.asarray(R[:, :, 0].dot(turned[:, :, 0]))[:, :, None]  # a fifth of the time of `einsum`
-    if turned.shape[2] == 1:  # the same in every pose
-        return np.asarray(np.matmul(turned[:, :, 0].T, R))
-    return np.asarray(np.einsum("abm,bcm->acm", R, turned))
+def _turn(x: FloatArray, y: FloatArray, cos: FloatArray, sin: FloatArray) -> None:
+    """Turn vectors about z, their components where they are."""
+    by_x = sin * x
+    x *= cos
+    x -= sin * y
+    y *= cos
+    y += by_x
 
 
-def _by_rotation_vector(by_axes: FloatArray, jacobians: FloatArray) -> FloatArray:
-    """Derivatives (.., 3, 3, m) by rotation vectors, of Jacobians (.., 3, 3, m) or (.., 3, 3, 1), by those by axes."""
-    if jacobians.shape[-1] > 1:
-        return np.asarray(np.einsum("...dcm,...dbm->...cbm", jacobians, by_axes))
-    flat = by_axes.reshape(*by_axes.shape[:-2], -1)
-    return np.asarray(np.matmul(np.swapaxes(jacobians[..., 0], -1, -2), flat)).reshape(by_axes.shape)
+def _product(R: FloatArray, turned_back: FloatArray) -> FloatArray:
+    """Products of matrices (3, 3, m) with transposed ones, (3, 3, m) or (3, 3, 1)."""
+    if turned_back.shape[2] == 1:  # the same in every pose
+        return np.asarray(np.matmul(turned_back[:, :, 0], R))
+    return np.asarray(np.einsum("cam,bam->cbm", R, turned_back))
 
 
-def _moved(v: FloatArray, motion: FloatArray, R: FloatArray | None) -> FloatArray:
-    """Vectors (3, m) after finite motions (6, m), whose rotations (3, 3, m) may be known."""
-    if R is None:
-        return apply_motions(v, motion)
-    if R.shape[2] == v.shape[1] == 1:
-        return np.asarray(R[:, :, 0].dot(v) + motion[3:])
-    moved: FloatArray = R[:, 0] * v[0]
-    moved += R[:, 1] * v[1]
-    moved += R[:, 2] * v[2]
-    moved += motion[3:]
-    return moved
+def _flange(axes: FloatArray, finite: _Finite | None) -> FloatArray:
+    """(3, 3, m) orientations of the flange in the base frame, turned by a motion at the tip."""
+    R = axes[-1].swapaxes(0, 1)
+    return R if finite is None else _product(R, finite.turned_back[-1])
 
 
-def _last(places: Iterator[tuple[int, FloatArray]]) -> FloatArray:
-    return deque(places, maxlen=1)[0][1]
+def _by_rotation_vectors(by_axes: FloatArray, jacobians: FloatArray) -> FloatArray:
+    """Derivatives (.., 3, k, m) by rotation vectors from those by axes, by transposed Jacobians (.., 3, 3, m or 1)."""
+    return np.asarray(np.einsum("...acm,...bam->...bcm", by_axes, jacobians))
 
 
 def _by_component(angles: FloatArray) -> FloatArray:

@@ -6,13 +6,20 @@ with the poses last, as the chain has them, and give rotations together with the
 
 from __future__ import annotations
 
+from math import factorial
+
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from truearm.typing import FloatArray
 
-_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1).reshape(3, 9)
+# K(v) = v @ CROSS by rows, with K(v) w = v x w.
+CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1).reshape(3, 9)
+
+FEW = 256  # rotation vectors up to which the number of array operations counts, not their length
+SERIES_BELOW = 0.1  # squares of angles [rad^2] below which six terms of their series are exact to 1e-17
+_SERIES = np.array([[(-1) ** k / factorial(2 * k + 2), (-1) ** k / factorial(2 * k + 3)] for k in range(6)])
 
 
 def motion(R: FloatArray, t: npt.ArrayLike) -> FloatArray:
@@ -57,18 +64,7 @@ def exponential_derivative(motions: npt.ArrayLike) -> FloatArray:
 
 def cross_matrix(v: FloatArray) -> FloatArray:
     """(..., 3, 3) matrices K of vectors v (..., 3) with ``K w = v x w``."""
-    return np.asarray(v @ _CROSS).reshape(*v.shape, 3)
-
-
-def apply_motions(v: FloatArray, motion: FloatArray) -> FloatArray:
-    """Apply finite motions (6, m) to vectors (3, m) by Rodrigues' formula."""
-    r, t = motion[:3], motion[3:]
-    angle = np.sqrt((r * r).sum(axis=0))
-    sinc = np.sinc(angle / np.pi)
-    half = np.sinc(angle / (2 * np.pi))  # (1 - cos a) / a^2 = half^2 / 2 without cancellation
-    rv = cross(r, v)
-    moved: FloatArray = v + sinc * rv + (0.5 * half * half) * cross(r, rv) + t
-    return moved
+    return np.asarray(v @ CROSS).reshape(*v.shape, 3)
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -82,7 +78,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def rotations(r: FloatArray) -> FloatArray:
     """Rotation matrices (3, 3, m) of rotation vectors (3, m) [rad]."""
-    square, _, sinc, b = _angle_functions(r)
+    square, sinc, b, _ = _angle_functions(r)
     return _combined(r, 1 - b * square, sinc, b)
 
 
@@ -99,20 +95,28 @@ def rotations_and_jacobians(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     R, J : (3, 3, m) array
         ``Rot(r + dr) = Rot(J dr) Rot(r)`` to first order in dr; see `exponential_derivative`.
     """
-    square, angle, sinc, b = _angle_functions(r)
-    c = (1 - sinc) / (angle * angle)  # what it loses to cancellation is rounding once it is times r r^T
+    square, sinc, b, c = _angle_functions(r)
     return _combined(r, 1 - b * square, sinc, b), _combined(r, 1 - c * square, b, c)
 
 
 def _angle_functions(r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Square of the angle a, a, sin a / a and (1 - cos a) / a^2, each (m,).
+    """Square of the angle a, sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3, each (m,), to rounding.
 
-    An angle below 1e-6 counts as that: what follows from it is exact to rounding.
+    Of many small angles, as motions nearly always have, by series in a third of the time. Otherwise an angle below 1e-6
+    counts as that.
     """
     square = (r * r).sum(axis=0)
+    if len(square) > FEW and square.max() < SERIES_BELOW:
+        of_series = np.multiply.outer(_SERIES[-1], square)
+        for coefficients in _SERIES[-2:0:-1]:
+            of_series += coefficients[:, None]
+            of_series *= square
+        b, c = of_series + _SERIES[0][:, None]
+        return square, 1 - c * square, b, c
     angle = np.sqrt(np.maximum(square, 1e-12))
-    half = np.sin(0.5 * angle) / angle
-    return square, angle, np.sin(angle) / angle, 2 * half * half  # without the cancellation of 1 - cos a
+    half, sinc = np.sin(0.5 * angle) / angle, np.sin(angle) / angle
+    # What the last loses to cancellation is rounding once it is times r r^T.
+    return square, sinc, 2 * half * half, (1 - sinc) / (angle * angle)
 
 
 def _combined(r: FloatArray, of_identity: FloatArray, of_cross: FloatArray, of_outer: FloatArray) -> FloatArray:
