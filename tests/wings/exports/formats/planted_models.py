@@ -102,6 +102,11 @@ def planted_model(arm: Arm, terms: list[Term] | None = None, *, seed: int = 1) -
         columns={"load_kg": InputRange(2.5, 1.0, 0.0, 5.0)},
         has_directions=True,
     )
+    beyond = model.variance_function_.beyond
+    narrower = beyond.ranges + 0.2 * np.ptp(beyond.ranges, axis=1)[:, None] * [1, -1]  # of readings some stand alone
+    model.variance_function_ = replace(
+        model.variance_function_, beyond=replace(beyond, ranges=narrower, growth=0.5, nominal=2000.0)
+    )
     return model
 
 

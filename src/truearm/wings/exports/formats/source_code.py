@@ -181,6 +181,7 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
         # A third of the reach, the usual lever of a joint: as in `truearm.wings.exports.targets.correction`.
         "length": max(plain.nominal_chain.reach, model.nominal_.chain.reach, 3.0) / 3,
         "variance_share": np.stack([share.centre, share.spread, share.slope, share.curvature], axis=1),
+        "well_trained": training.angle_ranges if share.beyond is None else share.beyond.ranges,
         "growth": 0.0 if share.beyond is None else share.beyond.growth,
         "nominal": 0.0 if share.beyond is None else share.beyond.nominal,
         "seen": [Extrapolation.seen, Extrapolation.not_seen],
