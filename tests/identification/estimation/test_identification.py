@@ -465,6 +465,7 @@ def test_noise_that_settles_without_a_linearisation_saves_one_and_gives_the_same
     terms, angles = [*constants(arm.chain, free=()), *turns], poses(arm, 100, rng, half_width=2.0)
     scales = {term.group: 0.1 * i for i, term in enumerate(turns)}
     points, fits, counts = seen(arm, terms, drawn(terms, rng, scales=scales), angles, rng), [], []
+    monkeypatch.setattr(rounds, "MANY_COEFFICIENTS", 1)
     for straight in (0.0, rounds.STRAIGHT_STEP):
         monkeypatch.setattr(rounds, "STRAIGHT_STEP", straight)
         places = []
@@ -485,7 +486,7 @@ def test_few_of_many_readings_are_excluded_and_come_back_by_one_step(arm, rng, m
     points = seen(arm, terms, drawn(terms, rng), angles, rng)
     points[[4, 31]] += [[0.4, 0, 0], [0, 3.0, 0]]
     state, references = ArmState(arm.chain, angles), [Points(rows, points)]
-    monkeypatch.setattr(rounds, "SETTLED_STEP", 1e-4)  # what the rounds leave is not what is compared
+    monkeypatch.setattr(rounds, "SETTLED_STEP_OF_FEW", 1e-4)  # what the rounds leave is not what is compared
     before = found(arm, angles, points, terms, reading_weights=np.where(rows == 7, 0.0, 1.0))
     weights = np.where(np.isin(rows, [4, 31, 99]), 0.0, 1.0)
     assert identification.with_few_changed(before, state, references, weights) is None  # two in 1000

@@ -41,6 +41,8 @@ from truearm.typing import BoolArray, FloatArray, IntArray
 SETTLED_STEP = 0.05
 # After a smaller step, of points alone, derivatives hardly change: noise that still does settles without new ones.
 STRAIGHT_STEP = 0.25
+# Of fewer coefficients a linearisation costs next to nothing, and derivatives by some may depend on few others.
+MANY_COEFFICIENTS, SETTLED_STEP_OF_FEW = 500, 0.01
 # The noise is calm when it changes by less.
 CALM_NOISE, SAME_NOISE = 0.05, 1e-4
 LEAST_NOISE = 1e-30
@@ -190,14 +192,17 @@ class Rounds:
         # Rounding may make a tiny product negative.
         n_effective = max(float(self.effective.sum()) + reduced.n_determined, 1.0)
         moved_by = float(np.sqrt(max(float(step @ along), 0.0) / n_effective))
-        self.converged = bool(is_exact and self.calm >= 2 and moved_by < SETTLED_STEP)
+        is_large = len(x) >= MANY_COEFFICIENTS
+        settled = SETTLED_STEP if is_large else SETTLED_STEP_OF_FEW
+        self.converged = bool(is_exact and self.calm >= 2 and moved_by < settled)
         with one_blas_thread():
             self._per_reference = _effective_numbers(reduced, parts, found)
         if self.converged:
             self.x = x
         else:
             self._take(step, along, x, moved_by, found.posterior)
-            if is_exact and not self.calm and moved_by < STRAIGHT_STEP and problem.has_points_alone:
+            is_straight = is_large and is_exact and moved_by < STRAIGHT_STEP
+            if is_straight and not self.calm and problem.has_points_alone:
                 self._step_again(found.posterior)
         if self.calm >= 2:  # groups were pruned
             self.some = None
