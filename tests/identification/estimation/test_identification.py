@@ -479,6 +479,17 @@ def test_noise_that_settles_without_a_linearisation_saves_one_and_gives_the_same
     np.testing.assert_allclose(std[0], std[1], rtol=1e-3)
 
 
+def test_noise_of_residuals_that_parameters_determine_settles_by_linearisations(arm, rng, monkeypatch):
+    """Of five readings: without the parameters that a smaller noise determines it would fall to nothing."""
+    terms, angles = constants(arm.chain, free=()), poses(arm, 5, rng, half_width=2.0)
+    points, noise = seen(arm, terms, drawn(terms, rng), angles, rng), []
+    monkeypatch.setattr(rounds, "MANY_COEFFICIENTS", 1)
+    for straight in (0.0, rounds.STRAIGHT_STEP):
+        monkeypatch.setattr(rounds, "STRAIGHT_STEP", straight)
+        noise.append(found(arm, angles, points, terms).references[0].noise_std)
+    assert noise[0] == noise[1] > 1e-3
+
+
 def test_few_of_many_readings_are_excluded_and_come_back_by_one_step(arm, rng, monkeypatch):
     """Of 2000 readings three are excluded, two of them wrong, and one comes back: to a 500th of u."""
     terms, rows = constants(arm.chain, free=()), np.arange(2000)

@@ -201,8 +201,9 @@ class Rounds:
             self.x = x
         else:
             self._take(step, along, x, moved_by, found.posterior)
-            is_straight = is_large and is_exact and moved_by < STRAIGHT_STEP
-            if is_straight and not self.calm and problem.has_points_alone:
+            is_straight = is_large and is_exact and not self.calm and moved_by < STRAIGHT_STEP
+            # Else it lowers residuals that parameters determine, and the noise to nothing before these count anew.
+            if is_straight and problem.has_points_alone and n_effective <= MOST_EFFECTIVE * self.n_residuals:
                 self._step_again(found.posterior)
         if self.calm >= 2:  # groups were pruned
             self.some = None
