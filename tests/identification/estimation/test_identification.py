@@ -490,6 +490,15 @@ def test_noise_of_residuals_that_parameters_determine_settles_by_linearisations(
     assert noise[0] == noise[1] > 1e-3
 
 
+def test_the_step_that_remains_leads_to_the_minimum_of_the_scales_of_the_fit(arm, rng, monkeypatch):
+    """Not to that of raised scales, which the covariance has: of converged rounds nothing remains."""
+    terms, angles = constants(arm.chain, free=()), poses(arm, 15, rng, half_width=2.0)
+    points = seen(arm, terms, drawn(terms, rng), angles, rng)
+    monkeypatch.setattr(rounds, "SETTLED_STEP", 1e-6)
+    part = found(arm, angles, points, terms).references[0]
+    assert np.abs(part.to_minimum).max() < 1e-5 * part.noise_std
+
+
 def test_few_of_many_readings_are_excluded_and_come_back_by_one_step(arm, rng, monkeypatch):
     """Of 2000 readings three are excluded, two of them wrong, and one comes back: to a 500th of u."""
     terms, rows = constants(arm.chain, free=()), np.arange(2000)

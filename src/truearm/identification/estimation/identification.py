@@ -29,8 +29,7 @@ from truearm.identification.estimation.rounds import Rounds
 from truearm.identification.references.references import Points, Reference
 from truearm.identification.terms.state import ArmState
 from truearm.identification.terms.term import Term
-from truearm.solve.arrowhead import SchurComplement
-from truearm.solve.group_evidence import GroupedPrior, LowRankPosterior, Posterior
+from truearm.solve.group_evidence import GroupedPrior
 from truearm.solve.threads import one_blas_thread
 from truearm.typing import FloatArray, IntArray
 
@@ -330,20 +329,19 @@ def _result(
 def _covariance(rounds: Rounds, x: FloatArray, prior: GroupedPrior) -> tuple[FloatArray, FloatArray | None]:
     """Posterior covariance of the parameters at `x`, and of points alone the step to the minimum of the linearisation.
 
-    It is the last one, if that was there.
+    It is the last one, if that was there. The covariance is that of raised scales, the minimum that of the scales by
+    which the parameters were identified.
     """
-
-    def posterior(reduced: SchurComplement) -> Posterior | LowRankPosterior:
-        equations = grouped_equations(reduced, x, rounds.n_residuals)
-        return equations.posterior(prior.subset(reduced.kept))
-
-    reduced = rounds.reduced
-    if not np.array_equal(x, rounds.linearised_at):
+    is_last, of_points = np.array_equal(x, rounds.linearised_at), rounds.problem.has_points_alone and len(x) > 0
+    if not is_last:
         rounds.weigh()
-        reduced = eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x)
-    found = posterior(reduced)
-    of_points = all(reference.kind == "point" for reference in rounds.problem.references)
-    return found.covariance, found.x - x if of_points and len(x) else None
+        rounds.reduced = eliminate_unknowns(*linearised(rounds.problem, x, rounds.weights), x)
+    equations, kept = grouped_equations(rounds.reduced, x, rounds.n_residuals), rounds.reduced.kept
+    covariance = equations.posterior(prior.subset(kept)).covariance
+    if is_last or not of_points:
+        return covariance, rounds.step if of_points else None
+    own = replace(rounds.prior, scale=np.where(prior.scale > 0, rounds.prior.scale, 0.0))
+    return covariance, equations.posterior(own.subset(kept)).x - x
 
 
 def reference_fits(

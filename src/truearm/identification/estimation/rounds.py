@@ -103,6 +103,8 @@ class Rounds:
     converged : bool
     linearised_at : (n_parameters,) array
         Parameters before the last step.
+    step : (n_parameters,) array
+        The last step; where the rounds converged it is not taken.
     reduced : SchurComplement
         The normal equations there, without the artefacts' unknowns.
     """
@@ -123,7 +125,7 @@ class Rounds:
         self._groups, self._fast, self._robust = groups, fast, robust
         self.noise = np.full(len(problem.references), np.inf)
         self._per_reference = np.zeros(len(problem.references))
-        self._step, self._moved_by, self._share = np.zeros(len(x)), 0.0, 1.0
+        self.step, self._moved_by, self._share = np.zeros(len(x)), 0.0, 1.0
         self.calm, self._was_calm, self.converged, self.some = 0, False, False, some
         self.problem, self._given = problem, given
         self.n_residuals = sum(
@@ -198,7 +200,7 @@ class Rounds:
         with one_blas_thread():
             self._per_reference = _effective_numbers(reduced, parts, found)
         if self.converged:
-            self.x = x
+            self.x, self.step = x, step
         else:
             self._take(step, along, x, moved_by, found.posterior)
             is_straight = is_large and is_exact and not self.calm and moved_by < STRAIGHT_STEP
@@ -236,9 +238,9 @@ class Rounds:
         `along` is the Gauss-Newton matrix times the step, and `moved_by` its size as a share of the parameters'
         uncertainty.
         """
-        back = float(along @ self._step) < 0 and moved_by > SHRINKING * self._moved_by
+        back = float(along @ self.step) < 0 and moved_by > SHRINKING * self._moved_by
         self._share = max(self._share / 2, 0.1) if self.calm >= 2 and back else min(1.5 * self._share, 1.0)
-        self._step, self._moved_by = step, moved_by
+        self.step, self._moved_by = step, moved_by
         cost, halving = _cost(self.problem, self.weights, self.prior), StepHalving(self._share, MAX_HALVINGS)
         here, before = self.residuals, cost(x, self.residuals)
         self.x, self.residuals = take_step(self.problem, x, here, step, cost, halving)
@@ -291,7 +293,7 @@ class Rounds:
         chain = problem.perturbed_chain
         kept = tuple(term for term in chain.terms if self.prior.scale[self._groups.index(term.group)] > 0)
         self.problem = SmallMotionProblem(PerturbedChain(chain.chain, kept), problem.state, problem.references)
-        self.prior, self.x, self._step = self.prior.subset(active), self.x[active], self._step[active]
+        self.prior, self.x, self.step = self.prior.subset(active), self.x[active], self.step[active]
 
 
 def _effective_numbers(reduced: SchurComplement, parts: Sequence[Arrowhead], found: WeighedEvidence) -> FloatArray:
