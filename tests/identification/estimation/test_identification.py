@@ -494,7 +494,7 @@ def test_the_step_that_remains_leads_to_the_minimum_of_the_scales_of_the_fit(arm
     """Not to that of raised scales, which the covariance has: of converged rounds nothing remains."""
     terms, angles = constants(arm.chain, free=()), poses(arm, 15, rng, half_width=2.0)
     points = seen(arm, terms, drawn(terms, rng), angles, rng)
-    monkeypatch.setattr(rounds, "SETTLED_STEP", 1e-6)
+    monkeypatch.setattr(rounds, "SETTLED_STEP_OF_FEW", 1e-6)
     part = found(arm, angles, points, terms).references[0]
     assert np.abs(part.to_minimum).max() < 1e-5 * part.noise_std
 
