@@ -460,14 +460,16 @@ class PerturbedChain:
         for term in self.terms:
             key = term.place, term.basis
             axes_of[key] = axes_of[key] | (np.array(term.direction) != 0)
+        only = {key: int(axes.argmax()) if axes.sum() == 1 else slice(None) for key, axes in axes_of.items()}
         runs: list[tuple[int, slice, int | slice]] = []
-        for (place, basis), rows in self._functions.items():
-            used = np.flatnonzero(axes_of[place, basis])
-            runs.append((place, rows, int(used[0]) if len(used) == 1 else slice(None)))
-        few = [
-            (place, rows, rows.stop - rows.start <= MOST_NARROW, axes) for place, rows, axes in _adjacent_joined(runs)
-        ]
-        return _adjacent_joined([(place, rows, slice(None) if is_few else axes) for place, rows, is_few, axes in few])
+        for (place, axes), keys in groupby(self._functions, lambda key: (key[0], only[key])):
+            rows = [self._functions[key] for key in keys]
+            start, stop = rows[0].start, rows[-1].stop
+            axes = slice(None) if stop - start <= MOST_NARROW else axes
+            if runs and (runs[-1][0], runs[-1][2]) == (place, axes):  # go on
+                start = runs.pop()[1].start
+            runs.append((place, slice(start, stop), axes))
+        return runs
 
     @cached_property
     def _of_place(self) -> list[slice]:
@@ -523,13 +525,6 @@ def moved_chain(chain: Chain, state: ArmState, motions: FloatArray | None = None
 def chunks(n: int, size: int = CHUNK) -> list[slice]:
     """Slices of readings that are evaluated together."""
     return [slice(start, min(start + size, n)) for start in range(0, n, size)]
-
-
-def _adjacent_joined(runs: list[tuple[int, slice, int | slice]]) -> list[tuple[int, slice, int | slice]]:
-    """Runs of functions of one place and component, one after the other, as one."""
-    by_axes = groupby(runs, lambda run: (run[0], run[2]))
-    groups = [(place, [rows for _, rows, _ in same], axes) for (place, axes), same in by_axes]
-    return [(place, slice(rows[0].start, rows[-1].stop), axes) for place, rows, axes in groups]
 
 
 def _joined(rows: list[slice]) -> IntArray | slice:
