@@ -112,13 +112,14 @@ def unshown_signs(
 def _is_surely_less(judge: IdentificationResult, other: Contrasts, n_constants: int, odds: float) -> bool:
     """Whether the odds of the reversed sign are less, by points, even if constants take up nothing of the stated one's.
 
-    That needs no derivatives. No more contrasts are independent than there are coordinates, and no fewer by constants.
+    That needs no derivatives. Of the stated sign constants may take up some contrasts more, which leaves more variance.
     """
     squares = [one.robust_weight * one.residuals**2 for one in judge.references if one.kind == "point"]
     if len(squares) < len(judge.references) or other.freedom < MOST_INDEPENDENT + n_constants:
         return False
     most = sum(max(float(one.sum()), one.size * LEAST_NOISE_MM**2) for one in squares)
-    return bool(most < odds ** (2 / MOST_INDEPENDENT) * other.squares)
+    least = other.squares * (other.freedom - n_constants) / other.freedom
+    return bool(most < odds ** (2 / MOST_INDEPENDENT) * least)
 
 
 def with_unshown_signs(fit: IdentificationResult, signs: Sequence[UnshownSign]) -> IdentificationResult:
