@@ -457,19 +457,16 @@ class _Minimum:
             stacks.append((i, rows, groups[:, None], n_places + k * place[:, None] + np.arange(k)))
             n_places += k * batch.largest(i)
         # It pays where products take the time; of few groups rounding will be too much.
-        of_long = [
-            self.problem.site_derivatives(i, rows, self.parts[i].linear, self.x)
-            for i, rows, *_ in stacks
-            if self.is_long
-        ]
-        size = max([0.0, *(float(self.root.alone(*factors).max()) for factors in of_long)])
+        long = stacks if self.is_long else []
+        factors = {i: self.problem.site_derivatives(i, rows, self.parts[i].linear, self.x) for i, rows, *_ in long}
+        size = max([0.0, *(float(self.root.alone(*both).max()) for both in factors.values())])
         rounding = SINGLE_ROUNDING * np.sqrt(size / max(self.root.n_rows, 1))
         single = self.is_long and bool(self.root.wide) and rounding * n_places <= MOST_ROUNDED
         shape = batch.n_groups, n_places
         A, r = np.zeros((*shape, self.root.n_rows), np.float32 if single else float), np.zeros(shape)
-        for n, (i, rows, groups, at) in enumerate(stacks):  # what a group lacks is zero
-            if self.is_long:
-                root = self.root.times(*(of.astype(A.dtype, copy=False) for of in of_long[n])).transpose(2, 1, 0)
+        for i, rows, groups, at in stacks:  # what a group lacks is zero
+            if factors:
+                root = self.root.times(*(of.astype(A.dtype, copy=False) for of in factors[i])).transpose(2, 1, 0)
             else:
                 root = self._spread(i, rows).reshape(*at.shape, -1)
             A[groups, at] = root
