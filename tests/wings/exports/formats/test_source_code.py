@@ -15,7 +15,7 @@ import truearm as ta
 from refusals import refuses
 from truearm.arm import Arm, Chain
 from truearm.errors import MissingTool
-from truearm.identification.terms import Column, Constant, Term
+from truearm.identification.terms import Column, Constant, Harmonics, PayloadTorque, Term
 from truearm.identification.terms.basis import Basis
 from truearm.models.identified_model import ROUNDED
 from truearm.models.training_conditions import TOGETHER, InputRange
@@ -339,11 +339,11 @@ def at_rail_ends(model):
 
 
 def at_trained_edges(model):
-    """Targets of which one joint is at an end of its trained range."""
+    """Targets of which one joint is at an end of its trained range, with the rounding of a unit."""
     (low, high), rng = model.training_.angle_ranges.T, np.random.default_rng(5)
     joints = rng.uniform(low, high, (2 * len(low), len(low)))
     for row, q in enumerate(joints):
-        q[row % len(low)] = (low, high)[row // len(low)][row % len(low)]
+        q[row % len(low)] = (low - 1e-12, high + 1e-12)[row // len(low)][row % len(low)]
     return joints
 
 
@@ -416,6 +416,69 @@ def test_rounding_of_the_angles_is_in_the_covariance(tmp_path):
     np.testing.assert_allclose(uncertainty(cov), uncertainty(expected), rtol=REDUCED_SHARE)
     rows = es_module.run_module(js, "predict", [[q.tolist()] for q in angles])
     np.testing.assert_allclose([row["cov"] for row in rows], cov, rtol=1e-4, atol=1e-6)
+    exact = angles + 0.2 * steps  # not rounded, as each of them shows
+    expected = model.predict(exact, return_cov=True)[1]
+    cov = written.predict(Session(exact), stated=False)[1]
+    np.testing.assert_allclose(uncertainty(cov), uncertainty(expected), rtol=REDUCED_SHARE)
+    rows = es_module.run_module(js, "predict", [[q.tolist()] for q in exact])
+    np.testing.assert_allclose([row["cov"] for row in rows], cov, rtol=1e-4, atol=1e-6)
+
+
+@needs_cc
+@needs_node
+def test_a_joint_counted_on_by_full_turns_has_the_uncertainty_that_it_had(tmp_path):
+    arm = ta.load_arm("ur10")
+    terms = [
+        Term(f"gear {i}", i, (0, 0, 1, 0, 0, 0), Harmonics(i, tuple(range(1, 41))), "gear", 1e-4) for i in (1, 2, 3)
+    ]
+    model = planted_model(arm, terms)
+    decay = np.tile(np.repeat(1 / np.arange(1, 41), 2), 3)  # without correlations the joints have most by themselves
+    model.fit_ = replace(model.fit_, covariance=np.diag((1e-4 * decay) ** 2))
+    c, js = both_files(model, tmp_path)
+    written = Written(model, c, js, ctypes.CDLL(str(c_source.compile_library(c, tmp_path, *STRICT, "-O0"))))
+    rng = np.random.default_rng(3)
+    angles = sample_trained_region(model, 60, rng).angles + 2 * np.pi * rng.integers(-2, 3, (60, 6))
+    expected = model.predict_readings(model.at(Session(angles)), return_cov=True)[1]
+    cov = written.predict(Session(angles), stated=False)[1]
+    np.testing.assert_allclose(uncertainty(cov), uncertainty(expected), rtol=REDUCED_SHARE)
+    rows = es_module.run_module(js, "predict", [[q.tolist()] for q in angles])
+    np.testing.assert_allclose([row["cov"] for row in rows], cov, rtol=1e-4, atol=1e-7)
+
+
+def test_the_poses_of_the_table_reach_the_mean_temperature_of_a_new_set_up():
+    model = planted_model(ta.load_arm("ur10"), [CONSTANT])
+    model.training_ = replace(model.training_, temperature_degC=InputRange(43.0, 0.01, 21.0, 25.0))
+    degC = sample_trained_region(model, 200, np.random.default_rng(3)).temperature_degC
+    assert degC.min() < 25 < 42 < degC.max() < 43
+
+
+@needs_cc
+@needs_node
+def test_a_direction_that_the_training_has_not_is_outside_and_another_payload_is_refused(tmp_path):
+    arm = ta.load_arm("ur10")
+    sag = Term("payload sag", 2, (1, 0, 0, 0, 0, 0), PayloadTorque(2, 0, 3.0), "sag", 1e-6)
+    model = planted_model(arm, [CONSTANT, sag])
+    forwards = np.array([[1.0, 1], [-1, 1], [-1, 1], [-1, -1], [-1, 1], [-1, 1]])
+    columns = {"load_kg": InputRange(2.5, 1.0, 0.0, 5.0), "payload_kg": InputRange(3.0, 0.0, 3.0, 3.0)}
+    model.training_ = replace(model.training_, direction_ranges=forwards, columns=columns)
+    c, js = both_files(model, tmp_path)
+    written = Written(model, c, js, ctypes.CDLL(str(c_source.compile_library(c, tmp_path, *STRICT, "-O0"))))
+    angles = np.tile(sample_trained_region(model, 1, np.random.default_rng(2)).angles, (5, 1))
+    directions = np.zeros((5, 6))
+    directions[[0, 1, 2, 3], [0, 0, 3, 1]] = [1, -1, 1, -1]
+    readings = Session(angles, directions=directions, columns={"payload_kg": np.array([3.0, 3, 3, 3, 4])})
+    inputs = model.inputs_outside_training(readings)
+    outside = inputs["direction_1"] | inputs["direction_4"]
+    assert outside.tolist() == [False, True, True, False, False]
+    codes = written.predict(readings)[2]
+    assert codes.tolist() == [0, 1, 1, 0, -1]
+    stated = [
+        [q.tolist(), {"direction": one.tolist(), "column": {"payload_kg": kg}}]
+        for q, one, kg in zip(angles, directions, readings.columns["payload_kg"], strict=True)
+    ]
+    rows = es_module.run_module(js, "predict", stated)
+    assert [row.get("outside") for row in rows] == [False, True, True, False, None]
+    assert "payload of the training" in rows[4]["error"]
 
 
 @needs_node

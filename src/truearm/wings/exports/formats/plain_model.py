@@ -163,12 +163,9 @@ def loaded_links(model: IdentifiedModel) -> LinkMasses:
     InputError
         If the model depends on a payload that was not the same at all readings.
     """
-    state, terms = model.state(Session(np.zeros((1, model.arm_.n_joints)))), model.fit_.perturbed_chain.terms
+    state = model.state(Session(np.zeros((1, model.arm_.n_joints))))
     links = uniform_links(state.chain, kg_per_m=1.0) if state.links is None else state.links
-    known = model.training_.columns.get(PAYLOAD)
-    inputs = {one for term in terms for function in term.basis.expressions() or () for one in function.inputs}
-    differences_from = {one.arguments[2] for one in inputs if one.operation == "payload torque"}
-    by_gravity = state.links is not None and any(one.operation == "gravity torque" for one in inputs)
+    known, (by_gravity, differences_from) = model.training_.columns.get(PAYLOAD), _payload_inputs(model)
     if known is None or not (by_gravity or differences_from):
         return links
     kg = known.mean
@@ -183,6 +180,19 @@ def loaded_links(model: IdentifiedModel) -> LinkMasses:
     centre[-1] = (mass[-1] * centre[-1] + kg * link_vectors(state.chain)[-1]) / (mass[-1] + kg)
     mass[-1] += kg
     return LinkMasses(mass, centre)
+
+
+def depends_on_payload(model: IdentifiedModel) -> bool:
+    """Whether tips, or their uncertainty, depend on the payload by more than a column of it."""
+    return any(_payload_inputs(model))
+
+
+def _payload_inputs(model: IdentifiedModel) -> tuple[bool, set[float]]:
+    """Whether the payload counts in gravity torques, and the payloads from which terms count its difference."""
+    terms = model.fit_.perturbed_chain.terms
+    inputs = {one for term in terms for function in term.basis.expressions() or () for one in function.inputs}
+    by_gravity = model.arm_.masses is not None and any(one.operation == "gravity torque" for one in inputs)
+    return by_gravity, {one.arguments[2] for one in inputs if one.operation == "payload torque"}
 
 
 def expressions_of(basis: Basis) -> tuple[Expression, ...]:

@@ -204,7 +204,8 @@ def sample_trained_region(model: IdentifiedModel, n: int, rng: np.random.Generat
     angles = np.concatenate([angles, rng.uniform(low, high, (beyond, len(low)))])
 
     def drawn(known: InputRange, further: float) -> FloatArray:
-        inside = rng.uniform(known.lower, known.upper, n)
+        # The mean of a new set-up, which counts where an input is not stated, may be beyond the range.
+        inside = rng.uniform(min(known.lower, known.mean), max(known.upper, known.mean), n)
         return np.concatenate([inside, rng.uniform(known.lower - further, known.upper + further, beyond)])
 
     temperature = training.temperature_degC

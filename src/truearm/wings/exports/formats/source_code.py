@@ -21,11 +21,17 @@ from truearm.identification.estimation.extrapolation import Extrapolation
 from truearm.identification.terms import Expression, link_vectors
 from truearm.identification.terms.links import UNKNOWN_MATERIAL
 from truearm.models import Compensator
-from truearm.models.training_conditions import TrainingConditions
-from truearm.readings import Session
+from truearm.models.training_conditions import MOST_OFF_ALONE, TrainingConditions
+from truearm.readings import PAYLOAD, Session
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
-from truearm.wings.exports.formats.plain_model import PlainModel, ValueLayout, ValueTables, plain_model
+from truearm.wings.exports.formats.plain_model import (
+    PlainModel,
+    ValueLayout,
+    ValueTables,
+    depends_on_payload,
+    plain_model,
+)
 from truearm.wings.exports.formats.reduced_covariance import ReducedCovariance, reduced_covariance
 from truearm.wings.exports.targets.correction import CORRECTION_STEPS, MAX_CORRECTION, usual_change
 from truearm.wings.exports.targets.inverse import MAX_CONDITION, TOLERANCE_MM, TOLERANCE_RAD
@@ -42,6 +48,7 @@ RULES = {
     "full_turn": 2 * np.pi,
     "least_travel": Extrapolation.least_travel_mm,
     "most_turns": TrainingConditions.most_turns,
+    "most_off": MOST_OFF_ALONE,
     "max_load": Session.largest_load,
     "max_correction": MAX_CORRECTION,
     "max_condition": MAX_CONDITION,
@@ -162,11 +169,14 @@ def _tables(plain: PlainModel, values: ValueTables, covariance: ReducedCovarianc
     temperature, names = training.temperature_range, sorted(training.columns)
     macros = macros_of(names)
     moved = {run.component // 6 for run in values.runs}
+    directions = training.direction_ranges
+    one_way = None if directions is None else np.where(directions[:, 0] == directions[:, 1], directions[:, 0], 0.0)
     return {
         "n": plain.n_joints,
         "covariance": covariance,
-        # A single pose does not show whether its angles are rounded: they are taken to be, as those of the training.
-        "rounds": training.angle_std is not None,
+        "rounds": training.angle_std is not None and training.angle_sample is not None,
+        "only_direction": np.zeros(plain.n_joints) if one_way is None else one_way,
+        "payload": names.index(PAYLOAD) if PAYLOAD in names and depends_on_payload(model) else -1,
         "columns": [{"name": name, "macro": macros[name]} for name in names],
         "used_columns": [{"name": name, "macro": macros[name]} for name in layout.columns],
         "moved": [int(place in moved) for place in range(plain.n_joints + 2)],
