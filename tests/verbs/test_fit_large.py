@@ -235,6 +235,15 @@ def test_a_physical_model_by_sums_is_that_of_all_readings_at_once(physical_by_su
     assert (u_mm(found.model) / u_mm(whole)).mean() == pytest.approx(1, rel=0.05)
 
 
+def test_the_noise_of_few_readings_by_sums_is_that_of_these_at_once(monkeypatch):
+    session = ta.simulate("ur10", poses=120, preset="shop", seed=21).session
+    whole = ta.fit("ur10", session, model="physical").model.fit_
+    monkeypatch.setattr(fit_module, "MOST_AT_ONCE", 100)
+    found = ta.fit("ur10", session, model="physical").model.fit_
+    # Half as many coefficients as residuals, of which the prior determines most.
+    assert found.references[0].noise_std == pytest.approx(whole.references[0].noise_std, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("counts", "worth", "least", "largest"), [([40] * 100, 195, 0.0, 3.0), ([240] * 15 + [1] * 400, 60, 1.5, 4.5)]
 )

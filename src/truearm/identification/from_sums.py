@@ -80,7 +80,8 @@ def improved(arm: IdentificationResult, before: Iterate, sums: ReadingSums, show
     factor = sums.effect(found, arm.prior_std, own).factor
     moved = float(np.sqrt(max(float(step @ gram @ step), 0.0) / (factor * len(own))))
     following = moved if before.moved is None else moved * min(moved / max(before.moved, 1e-300), 1.0)
-    noise = sums.noise_mm2(before.noise_mm2, float(len(own)))
+    determined = float(determined_shares(found.variance, arm.prior_std[own] ** -2.0).sum())
+    noise = sums.noise_mm2(before.noise_mm2, determined)
     is_settled = following < SETTLED_STEP and abs(np.log(noise / before.noise_mm2)) < SETTLED_STEP
     return Iterate(before.x + step, noise, moved, is_settled)
 
