@@ -9,7 +9,7 @@ import truearm as ta
 from refusals import refuses
 from truearm.errors import InputError
 from truearm.wings.bench.recording import model_in_force
-from truearm.wings.bench.recording.model_in_force import Fitted, ModelInForce, why_worse
+from truearm.wings.bench.recording.model_in_force import Fitted, ModelInForce, corrected_tip, why_worse
 from truearm.wings.bench.recording.record_readings import demo_recording
 from truearm.wings.bench.recording.recording import Recording
 from truearm.wings.bench.sources import Sample, Source
@@ -37,6 +37,17 @@ def news_until_the_end(of_fit):
         events += of_fit()
         time.sleep(0.05)
     return events
+
+
+@pytest.mark.parametrize("loads", [{}, {"payload_kg": 5.0}, {"load_1_Nm": 2.0}])
+def test_a_sample_is_corrected_and_flagged_as_its_reading_is_predicted(good, session, loads):
+    q, directions = session.angles[:1], np.ones((1, 6))
+    tip = corrected_tip(good, Sample(0.0, q[0], columns=loads), directions[0])
+    readings = ta.Session(q, directions=directions, columns={name: np.array([one]) for name, one in loads.items()})
+    prediction = ta.predict(good, readings)
+    np.testing.assert_array_equal(tip.tip_in_reference_mm, prediction.points[0])
+    np.testing.assert_array_equal(tip.U_mm, 2 * prediction.u_mm[0])
+    assert tip.is_trained == (not prediction.outside_training[0])
 
 
 def test_readings_become_the_model_in_force_and_its_file(tmp_path, session):

@@ -67,10 +67,10 @@ def corrected_tip(model: Compensator, sample: Sample, directions: FloatArray) ->
         Sign of each joint's last movement: -1, 1, or 0; an unknown one takes time, for its uncertainty.
     """
     temperature = None if sample.temperature_degC is None else np.array([sample.temperature_degC])
-    known = {name: np.array([value]) for name, value in sample.columns.items() if name in model.training_.columns}
+    loads = {name: np.array([value]) for name, value in sample.columns.items()}
     try:
         readings = Session(
-            sample.joint_angles_rad[None], temperature_degC=temperature, directions=directions[None], columns=known
+            sample.joint_angles_rad[None], temperature_degC=temperature, directions=directions[None], columns=loads
         )
         (tip,) = corrected_tips(model, readings)
     except InputError as error:
