@@ -84,6 +84,14 @@ class Extrapolation:
             off = np.where(self.is_prismatic, sliding, off)
         return np.asarray(np.sqrt((off * off).sum(axis=1)))
 
+    def counted_near(self, angles: FloatArray) -> FloatArray:
+        """Angles (n, n_joints), of turning joints outside their range moved by full turns to be near its middle."""
+        outside = ((angles < self.ranges[:, 0]) | (angles > self.ranges[:, 1])) & ~self.is_prismatic
+        if not outside.any():
+            return angles
+        turns = np.floor((angles - self.ranges.mean(axis=1)) / (2 * np.pi) + 0.5)
+        return np.asarray(np.where(outside, angles - 2 * np.pi * turns, angles))
+
     def factor(self, angles: FloatArray) -> FloatArray:
         """(n,) the residual variance over that inside; 1 inside."""
         distance = self.distance(angles)

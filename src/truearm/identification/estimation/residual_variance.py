@@ -340,7 +340,8 @@ class VarianceFunction:
     def share(self, angles: npt.ArrayLike) -> FloatArray:
         """(n,) shares at angles (n, n_joints) [rad, or mm]; at least 1 far from the readings of the estimation."""
         angles = np.asarray(angles, dtype=float)
-        z = (angles - self.centre) / self.spread
+        counted = angles if self.beyond is None else self.beyond.counted_near(angles)
+        z = (counted - self.centre) / self.spread
         share = np.exp(_features(z) @ self._coefficients) / self.mean
         share = np.maximum(share, (np.abs(z) > BEYOND).any(axis=1))
         return np.asarray(share if self.beyond is None else share * self.beyond.factor(angles))

@@ -434,11 +434,15 @@ def test_a_joint_counted_on_by_full_turns_has_the_uncertainty_that_it_had(tmp_pa
     model = planted_model(arm, terms)
     decay = np.tile(np.repeat(1 / np.arange(1, 41), 2), 3)  # without correlations the joints have most by themselves
     model.fit_ = replace(model.fit_, covariance=np.diag((1e-4 * decay) ** 2))
+    slope, beyond = 0.3 * np.ones(6), replace(model.variance_function_.beyond, ranges=model.training_.angle_ranges)
+    model.variance_function_ = replace(model.variance_function_, slope=slope, beyond=beyond)
     c, js = both_files(model, tmp_path)
     written = Written(model, c, js, ctypes.CDLL(str(c_source.compile_library(c, tmp_path, *STRICT, "-O0"))))
     rng = np.random.default_rng(3)
-    angles = sample_trained_region(model, 60, rng).angles + 2 * np.pi * rng.integers(-2, 3, (60, 6))
+    inside = sample_trained_region(model, 60, rng).angles
+    angles = inside + 2 * np.pi * rng.integers(-2, 3, (60, 6))
     expected = model.predict_readings(model.at(Session(angles)), return_cov=True)[1]
+    np.testing.assert_allclose(expected, model.predict(inside, return_cov=True)[1], rtol=1e-6, atol=1e-12)
     cov = written.predict(Session(angles), stated=False)[1]
     np.testing.assert_allclose(uncertainty(cov), uncertainty(expected), rtol=REDUCED_SHARE)
     rows = es_module.run_module(js, "predict", [[q.tolist()] for q in angles])

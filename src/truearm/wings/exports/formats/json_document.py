@@ -283,7 +283,8 @@ class Extrapolation(_Strict):
 class VarianceFunction(_Strict):
     """Share of the residual variance at given joints: exp(slope z + curvature (z^2 - 1)) / mean.
 
-    Here z is (q - centre) / spread, clipped to +-2. The share is at least 1 where a joint is more than 3 spreads from
+    Here z is (q - centre) / spread, clipped to +-2; q of a turning joint outside its range is moved by full turns to be
+    near the range's middle. The share is at least 1 where a joint is more than 3 spreads from
     its centre. Where joints are beyond their trained ranges it grows.
     """
 
