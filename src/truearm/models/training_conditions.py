@@ -143,8 +143,8 @@ LEAST_TRAVEL_MM = 1.0
 # more, from 63 degrees on.
 MAX_FURTHER_ANGLE = 20 * np.pi
 # Angles are rounded if as many of `LEAST_VALUES` or more are within `MOST_OFF` of whole steps: of exact ones, where one
-# joint is rounded, a fifth are. Fewer by this share of a step, which two in a hundred are.
-ROUNDED_SHARE, MOST_OFF_ALONE = 0.95, 0.01
+# joint is rounded, a fifth are.
+ROUNDED_SHARE = 0.95
 # Training readings that are kept: ten a constant of a six-axis arm, 24 kB of a model file.
 MAX_SAMPLE = 500
 
@@ -228,6 +228,8 @@ class TrainingConditions:
     temperature_tolerance_K: ClassVar[float] = 1.0
     # Turns of a joint that are looked at.
     most_turns: ClassVar[int] = 20
+    # Few angles are rounded if they are off whole steps by this share of one, as two in a hundred of exact ones are.
+    most_off_alone: ClassVar[float] = 0.01
     n_readings: int
     angle_ranges: FloatArray
     angle_gaps: FloatArray
@@ -413,7 +415,7 @@ class TrainingConditions:
         steps = (angles - self.angle_sample[0])[:, rounded] / (np.sqrt(12) * self.angle_std[rounded])
         off = np.abs(steps - np.round(steps)).max(axis=1)
         if len(angles) < LEAST_VALUES:
-            return np.asarray(off < MOST_OFF_ALONE)
+            return np.asarray(off < self.most_off_alone)
         return np.full(len(angles), (off < MOST_OFF).mean() >= ROUNDED_SHARE)
 
     def refuse_far(self, readings: Session, prismatic: BoolArray) -> None:

@@ -21,8 +21,9 @@ from truearm.identification.estimation.extrapolation import Extrapolation
 from truearm.identification.terms import Expression, link_vectors
 from truearm.identification.terms.links import UNKNOWN_MATERIAL
 from truearm.models import Compensator
-from truearm.models.training_conditions import MOST_OFF_ALONE, TrainingConditions
-from truearm.readings import PAYLOAD, Session
+from truearm.models.training_conditions import TrainingConditions
+from truearm.readings import Session
+from truearm.readings.readings import PAYLOAD
 from truearm.readings.thermal_expansion import REFERENCE_DEGC
 from truearm.typing import FloatArray
 from truearm.wings.exports.formats.plain_model import (
@@ -48,7 +49,7 @@ RULES = {
     "full_turn": 2 * np.pi,
     "least_travel": Extrapolation.least_travel_mm,
     "most_turns": TrainingConditions.most_turns,
-    "most_off": MOST_OFF_ALONE,
+    "most_off": TrainingConditions.most_off_alone,
     "max_load": Session.largest_load,
     "max_correction": MAX_CORRECTION,
     "max_condition": MAX_CONDITION,
