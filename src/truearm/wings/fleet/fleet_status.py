@@ -382,7 +382,7 @@ def history_page(
         ],
         constants=[
             (
-                *(one.name, one.unit, one.nominal, _rounded(one.value, one.u), one.u),
+                *(one.name, one.unit, _rounded(one.nominal, one.u), _rounded(one.value, one.u), one.u),
                 *(fixed(one.own, 1), fixed(one.of_type, 1)),
             )
             for one in drifts

@@ -146,9 +146,9 @@ def _results(certificate: Certificate, verification: Verification) -> Section:
     rows_with_limit = verification.rows_with_limit
     return Section(
         "Results",
-        "Limits apply to magnitudes and have all their digits. Values are compared before rounding."
+        "Limits apply to magnitudes, with all their digits in the file. Values are compared before rounding."
         if stated
-        else "Limits apply to magnitudes and have all their digits. Nothing is said on conformity.",
+        else "Limits apply to magnitudes, with all their digits in the file. Nothing is said on conformity.",
         tables=(_table(certificate.results, stated),),
         figures=(limits_figure(rows_with_limit, rule=verification.rule),) if stated else (),
     )

@@ -127,7 +127,7 @@ _METHOD = (
     "drift fits the values best; for a slow drift it is uncertain. The limits and the evidence that is needed depend "
     "on the number of charts in the history: for an arm that has not changed, one check in 370 has a value beyond its "
     "limits, and one in 370 evidence of a change. Checks of consecutive days may resemble each other; limits and "
-    "evidence allow for a correlation of consecutive checks up to 0.7, as these checks leave it possible.\n\n"
+    "evidence allow for a correlation of consecutive checks up to 0.75, as these checks leave it possible.\n\n"
     "The whole check: the deviations of its readings from their seats and spheres, less the mean of the earlier checks "
     "in the same poses, root mean square. Another arm, a bent link or another tip changes this pattern, even where "
     "scatter and length stay the same.\n\n"
